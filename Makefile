@@ -1,0 +1,64 @@
+# Everything is set up in .venv from PyPI, the real ROS 2 Jazzy included; a ROS install is
+# neither needed nor touched. PYTHON=python3.12 picks another interpreter.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+VERSION := $(shell $(PYTHON) -c 'import sys; print("%d.%d" % sys.version_info[:2])')
+PIP := $(BIN)/python -m pip --disable-pip-version-check -qq install --constraint constraints.txt
+SOURCES := $(shell find kinopt_ros config launch resource -type f -not -name '*.pyc') \
+	setup.py setup.cfg package.xml
+INTERFACE_SOURCES := $(shell find kinopt_interfaces -type f)
+CXX_FOUND := $(shell command -v $(CXX))
+
+# What a sourced ROS install or the wheels of another .venv leave in the environment.
+unexport PYTHONPATH LD_LIBRARY_PATH _ROS_WHEELS_BOOTSTRAP_COMPLETE
+unexport AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH RMW_IMPLEMENTATION ROS_LOCALHOST_ONLY
+export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
+
+.PHONY: help setup demo test lint interfaces colcon clean
+
+help:
+	@echo 'make demo        watch the monitor follow a simulated arm for 15 s'
+	@echo 'make test        run all tests'
+	@echo 'make setup       prepare .venv with the package and its executables'
+	@echo 'make interfaces  build kinopt_interfaces into .venv (needs a C++ compiler)'
+	@echo 'make colcon      build with colcon and check what it installs'
+	@echo 'make lint        ruff'
+	@echo 'make clean       remove .venv and everything built'
+
+setup: $(VENV)/.package
+
+demo: $(VENV)/.package
+	@$(BIN)/demo
+
+test: $(VENV)/.package $(VENV)/.test $(if $(CXX_FOUND),$(VENV)/.interfaces)
+	@$(BIN)/python -m pytest $(PYTEST_ARGS)
+
+lint: $(VENV)/.test
+	@$(BIN)/ruff check
+
+interfaces: $(VENV)/.interfaces
+
+# Another interpreter than last time starts from nothing.
+$(VENV)/.python-$(VERSION): constraints.txt setup.py
+	@echo 'setting up $(VENV) for Python $(VERSION) (about a minute, once)'
+	@rm -rf $(VENV)
+	@$(PYTHON) -m venv $(VENV)
+	@$(PIP) pip setuptools wheel
+	@touch $@
+
+$(VENV)/.package: $(VENV)/.python-$(VERSION) $(SOURCES)
+	@rm -rf build/lib build/bdist.*
+	@$(PIP) --no-build-isolation '.[wheels,plot]'
+	@touch $@
+
+$(VENV)/.test: $(VENV)/.python-$(VERSION) | $(VENV)/.package
+	@$(PIP) --no-build-isolation '.[test]'
+	@touch $@
+
+$(VENV)/.interfaces: $(VENV)/.python-$(VERSION) $(INTERFACE_SOURCES) | $(VENV)/.package
+	@echo 'building kinopt_interfaces'
+	@$(PIP) --no-build-isolation '.[interfaces]'
+	@CMAKE_PREFIX_PATH=$(CURDIR)/$(VENV) AMENT_PREFIX_PATH=$(CURDIR)/$(VENV) \
+		$(PIP) --no-build-isolation ./kinopt_interfaces
+	@touch $@

@@ -1,0 +1,1 @@
+"""Kinetostatic singularity monitor for planar serial arms with revolute joints."""

@@ -1,0 +1,183 @@
+"""
+The monitor's configuration: all parameters judged together into one frozen object.
+
+Nothing here knows of a node: `Configuration.from_parameters` takes plain values by name.
+"""
+
+from dataclasses import dataclass
+import math
+
+from kinopt_ros.kinetostatics.planar_arm import MIN_JOINTS, PlanarArm
+from kinopt_ros.monitor.verdict import Thresholds
+
+# Offsets count turns at most; with this bound no finite position overflows when one is added.
+LARGEST_OFFSET = 1e6
+
+
+@dataclass(frozen=True)
+class MeasuredArm:
+    """
+    A planar arm together with the joint coordinates in which it is measured and commanded.
+
+    Attributes
+    ----------
+    joint_names : tuple of str, shape (n,)
+        Base to tip.
+    planar_arm : PlanarArm
+    joint_offsets, joint_directions : tuple of float, shape (n,)
+        theta_i = direction_i * position_i + offset_i, in rad.
+    joint_lower, joint_upper : tuple of float, shape (n,)
+        Limits of the measured positions in rad; infinite where a joint is free.
+    """
+
+    joint_names: tuple
+    planar_arm: PlanarArm
+    joint_offsets: tuple
+    joint_directions: tuple
+    joint_lower: tuple
+    joint_upper: tuple
+
+    @classmethod
+    def from_parameters(cls, values):
+        """
+        Judge the parameters of the arm together.
+
+        Parameters
+        ----------
+        values : dict of str to value
+            By the names of the parameters; None where a parameter has no value.
+
+        Raises
+        ------
+        ValueError
+            If a value, or several together, break a rule: names the parameter, its value and
+            the rule.
+        """
+        try:
+            joint_names = _joint_names(values['joint_names'])
+            n = len(joint_names)
+            return cls(
+                joint_names,
+                PlanarArm(_one_per_joint('link_lengths', values['link_lengths'], n)),
+                _offsets(values['joint_offsets'], n),
+                _directions(values['joint_directions'], n),
+                *_limits(values['joint_lower'], values['joint_upper'], joint_names))
+        except ValueError as error:
+            raise ValueError(f'parameter {error}') from error
+
+    def joint_angles(self, positions):
+        """Relative joint angles theta_i (rad) of measured joint positions (rad)."""
+        return [direction * position + offset for direction, position, offset
+                in zip(self.joint_directions, positions, self.joint_offsets)]
+
+    @property
+    def angle_limits(self):
+        """Lower and upper limits of the relative joint angles theta_i (rad)."""
+        ends = zip(self.joint_angles(self.joint_lower), self.joint_angles(self.joint_upper))
+        return tuple(zip(*(sorted(pair) for pair in ends)))
+
+    def joint_positions(self, joint_angles):
+        """Measured joint positions (rad) that make relative joint angles theta_i (rad)."""
+        return [direction * (angle - offset) for direction, angle, offset
+                in zip(self.joint_directions, joint_angles, self.joint_offsets)]
+
+
+@dataclass(frozen=True)
+class Configuration:
+    """
+    What the monitor works with between two changes of its parameters.
+
+    Attributes
+    ----------
+    arm : MeasuredArm
+    thresholds : Thresholds
+    stale_timeout : float
+        Age in s beyond which a position no longer counts.
+    diagnostics_period : float
+        Period of the diagnostics in s; 0 for each cycle.
+    hardware_id : str
+    """
+
+    arm: MeasuredArm
+    thresholds: Thresholds
+    stale_timeout: float
+    diagnostics_period: float
+    hardware_id: str
+
+    @classmethod
+    def from_parameters(cls, values):
+        """
+        Judge a whole set of parameter values.
+
+        Parameters and errors as of `MeasuredArm.from_parameters`.
+        """
+        arm = MeasuredArm.from_parameters(values)
+        try:
+            return cls(
+                arm=arm,
+                thresholds=Thresholds(values['z_max'], values['margin_min'],
+                                      values['hysteresis'], values['min_dwell']),
+                stale_timeout=_duration('stale_timeout', values['stale_timeout'], zero=False),
+                diagnostics_period=_duration('diagnostics_period', values['diagnostics_period'],
+                                             zero=True),
+                hardware_id=values['hardware_id'])
+        except ValueError as error:
+            raise ValueError(f'parameter {error}') from error
+
+
+def _joint_names(names):
+    if not names:
+        raise ValueError(f"joint_names is required: the arm's joints, base to tip, at least "
+                         f'{MIN_JOINTS}')
+    if len(names) < MIN_JOINTS:
+        raise ValueError(f'joint_names = {list(names)}: must name at least {MIN_JOINTS} joints')
+    for name in names:
+        if not name:
+            raise ValueError(f'joint_names = {list(names)}: a name must not be empty')
+        if list(names).count(name) > 1:
+            raise ValueError(f"joint_names = {list(names)}: '{name}' stands there more than once")
+    return tuple(names)
+
+
+def _one_per_joint(name, values, n):
+    if values is None or len(values) == 0:
+        raise ValueError(f'{name} is required: one value per joint name')
+    if len(values) != n:
+        raise ValueError(f'{name} = {list(values)}: must hold {n} values, one per joint name')
+    return tuple(values)
+
+
+def _offsets(values, n):
+    for i, offset in enumerate(_one_per_joint('joint_offsets', values, n)):
+        if not abs(offset) <= LARGEST_OFFSET:
+            raise ValueError(f'joint_offsets[{i}] = {offset}: must be within '
+                             f'+-{LARGEST_OFFSET:g} rad')
+    return tuple(values)
+
+
+def _directions(values, n):
+    for i, direction in enumerate(_one_per_joint('joint_directions', values, n)):
+        if direction not in (1, -1):
+            raise ValueError(f'joint_directions[{i}] = {direction}: must be +1 or -1')
+    return tuple(float(direction) for direction in values)
+
+
+def _limits(lower, upper, joint_names):
+    n = len(joint_names)
+    lower = _one_per_joint('joint_lower', lower, n)
+    upper = _one_per_joint('joint_upper', upper, n)
+    for i, name in enumerate(joint_names):
+        if not lower[i] <= upper[i]:
+            raise ValueError(f'joint_lower[{i}] = {lower[i]} with joint_upper[{i}] = {upper[i]}: '
+                             f"the lower limit of '{name}' must not exceed the upper")
+        if lower[i] == math.inf or upper[i] == -math.inf:
+            raise ValueError(f'joint_lower[{i}] = {lower[i]} with joint_upper[{i}] = {upper[i]}: '
+                             f"no position of '{name}' is within")
+    return lower, upper
+
+
+def _duration(name, value, zero):
+    if not math.isfinite(value) or value < 0.0 or (value == 0.0 and not zero):
+        raise ValueError(f'{name} = {value}: must be a finite time in s, '
+                         f'{"not negative" if zero else "above 0"}')
+    return value

@@ -1,0 +1,108 @@
+"""Optimal postures for others: the service, and the latched topic that follows the parameters."""
+
+from concurrent.futures import Future
+import json
+
+from rclpy.exceptions import InvalidHandle
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
+
+from kinopt_ros.kinetostatics.posture_record import optimal_posture_record
+from kinopt_ros.monitor.deferred_service import create_deferred_service
+from kinopt_ros.monitor.solver_process import SolverProcess
+
+LATCHED = QoSProfile(
+    depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+# Requests that may wait for the solver; more are refused at once.
+MOST_WAITING = 8
+
+
+class OptimumServices:
+    """
+    Offer the optimal posture of a monitored arm on a node.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+    monitor : PostureMonitor
+        Tells the arm and its present posture.
+    """
+
+    def __init__(self, node, monitor):
+        self._node = node
+        self._monitor = monitor
+        self._solver = SolverProcess()
+        self._latest_arm = None
+        self._publisher = node.create_publisher(JointState, '~/optimal_posture', LATCHED)
+        create_deferred_service(node, Trigger, '~/get_optimal_posture', self._on_trigger)
+
+    def announce(self):
+        """Publish the optimum of the arm as it is now, once the solver has found it."""
+        arm = self._monitor.configuration.arm
+        if arm == self._latest_arm:
+            return
+        self._latest_arm = arm
+        self._solve_for(arm).add_done_callback(lambda done: self._publish(arm, done))
+
+    def close(self):
+        """End the solver."""
+        self._solver.close()
+
+    def _solve_for(self, arm):
+        reference = self._monitor.positions if self._monitor.knows_posture else (
+            [0.0] * len(arm.joint_names))
+        return self._solver.submit(
+            arm.planar_arm.link_lengths, *arm.angle_limits, arm.joint_angles(reference))
+
+    def _publish(self, arm, done):
+        # Of several changes in a row only the last is worth announcing.
+        if done.cancelled() or arm is not self._latest_arm:
+            return
+        if done.exception() is not None:
+            self._node.get_logger().error(f'no optimal posture: {done.exception()}')
+            return
+        message = JointState(
+            name=arm.joint_names, position=arm.joint_positions(done.result().joint_angles))
+        message.header.stamp = self._node.get_clock().now().to_msg()
+        try:
+            self._publisher.publish(message)
+        except (InvalidHandle, rclpy_implementation.RCLError):
+            pass  # The node is on its way out.
+
+    def _on_trigger(self, _):
+        arm = self._monitor.configuration.arm
+        if self._solver.waiting >= MOST_WAITING:
+            return completed(Trigger.Response(success=False, message=(
+                f'busy: {self._solver.waiting} requests are waiting for the solver')))
+        return mapped(self._solve_for(arm), lambda solved: _trigger_response(arm, solved))
+
+
+def _trigger_response(arm, solved):
+    if solved.exception() is not None:
+        return Trigger.Response(success=False, message=str(solved.exception()))
+    record = optimal_posture_record(arm.joint_names, solved.result(), arm.joint_positions)
+    return Trigger.Response(success=True, message=json.dumps(record))
+
+
+def completed(result):
+    """Give a future that has its result already."""
+    future = Future()
+    future.set_result(result)
+    return future
+
+
+def mapped(future, function):
+    """Give a future of function(future), made as soon as that one is done."""
+    result = Future()
+
+    def finish(done):
+        if done.cancelled():
+            result.cancel()
+        else:
+            result.set_result(function(done))
+
+    future.add_done_callback(finish)
+    return result

@@ -1,0 +1,193 @@
+"""The node's parameters: their table, their declaration, and what happens when one is set."""
+
+import math
+from typing import NamedTuple
+
+from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor, SetParametersResult
+from rclpy.exceptions import InvalidParameterTypeException, ParameterException
+from rclpy.parameter import Parameter
+
+from kinopt_ros.monitor.configuration import Configuration
+
+
+class ParameterRow(NamedTuple):
+    """
+    One parameter of the table.
+
+    Attributes
+    ----------
+    name : str
+    kind : rclpy.parameter.Parameter.Type
+    default : value, or callable
+        None where the user has to give one; a callable makes it from the number of joints and
+        the node's name.
+    description : str
+    constraints : str
+        The rule that values must keep, in words.
+    span : (float, float) or None
+        Closed range of a floating-point value.
+    read_only : bool
+    """
+
+    name: str
+    kind: Parameter.Type
+    default: object
+    description: str
+    constraints: str
+    span: tuple = None
+    read_only: bool = False
+
+    def descriptor(self):
+        """Descriptor that `ros2 param describe` shows."""
+        span = self.span and [FloatingPointRange(from_value=self.span[0], to_value=self.span[1])]
+        return ParameterDescriptor(
+            description=self.description, additional_constraints=self.constraints,
+            read_only=self.read_only, floating_point_range=span or [])
+
+
+_DOUBLE = Parameter.Type.DOUBLE
+_DOUBLES = Parameter.Type.DOUBLE_ARRAY
+
+ARM_TABLE = (
+    ParameterRow(
+        'joint_names', Parameter.Type.STRING_ARRAY, None,
+        "Names of the arm's joints as in the JointState, base to tip.",
+        'Required; at least 3, no duplicates; read-only.', read_only=True),
+    ParameterRow(
+        'link_lengths', _DOUBLES, None,
+        'Link lengths in m, base to tip; the last ends at the operation point.',
+        'Required; one per joint, finite and > 0.'),
+    ParameterRow(
+        'joint_offsets', _DOUBLES, lambda n, _: [0.0] * n,
+        'Offsets in rad: theta_i = direction_i * position_i + offset_i.',
+        'One per joint, finite.'),
+    ParameterRow(
+        'joint_directions', Parameter.Type.INTEGER_ARRAY, lambda n, _: [1] * n,
+        'Directions: theta_i = direction_i * position_i + offset_i.',
+        'One per joint, +1 or -1.'),
+    ParameterRow(
+        'joint_lower', _DOUBLES, lambda n, _: [-math.inf] * n,
+        'Lower limits in rad of the measured positions.',
+        'One per joint, not above joint_upper; -inf for a free joint.'),
+    ParameterRow(
+        'joint_upper', _DOUBLES, lambda n, _: [math.inf] * n,
+        'Upper limits in rad of the measured positions.',
+        'One per joint, not below joint_lower; inf for a free joint.'),
+)
+
+MONITOR_TABLE = (
+    *ARM_TABLE,
+    ParameterRow(
+        'z_max', _DOUBLE, 0.9,
+        'The flag rises when z exceeds this (the largest tolerable z).',
+        'Within 0..1; (1 - z_max) (1 + hysteresis) below 1.', (0.0, 1.0)),
+    ParameterRow(
+        'margin_min', _DOUBLE, 0.05,
+        'The flag rises when the margin to singularity falls below this.',
+        'Within 0..1; margin_min (1 + hysteresis) below 1.', (0.0, 1.0)),
+    ParameterRow(
+        'hysteresis', _DOUBLE, 0.1,
+        'The flag clears at margin > margin_min (1 + hysteresis) together with '
+        '1 - z > (1 - z_max) (1 + hysteresis).',
+        'Within 0..100; see z_max and margin_min.', (0.0, 100.0)),
+    ParameterRow(
+        'min_dwell', _DOUBLE, 0.0,
+        'Shortest time in s that a raised flag stays up.', 'Within 0..3600.', (0.0, 3600.0)),
+    ParameterRow(
+        'stale_timeout', _DOUBLE, 0.5,
+        'Time in s without a complete, fresh posture after which it is stale; also the age in s '
+        'beyond which the position of a joint no longer counts.',
+        'Within 0.001..3600.', (0.001, 3600.0)),
+    ParameterRow(
+        'diagnostics_period', _DOUBLE, 1.0,
+        'Period in s of the diagnostics while nothing changes; 0 for each cycle.',
+        'Within 0..3600.', (0.0, 3600.0)),
+    ParameterRow(
+        'hardware_id', Parameter.Type.STRING, lambda n, node_name: node_name,
+        'Hardware id of the diagnostics.', 'Any text; read-only.', read_only=True),
+)
+
+
+def declare(node, table):
+    """
+    Declare the parameters of a table and return their values by name.
+
+    Raises
+    ------
+    ValueError
+        If a value given at start has the wrong type or is out of its range: names the
+        parameter, its value and the rule.
+    """
+    node_name = node.get_fully_qualified_name().lstrip('/')
+    values = {}
+    for row in table:
+        n = len(values.get('joint_names') or ())
+        default = row.default(n, node_name) if callable(row.default) else row.default
+        try:
+            # An empty or missing default has no type of its own.
+            parameter = node.declare_parameter(
+                row.name, row.kind if default in (None, []) else default, row.descriptor())
+        except ParameterException as error:
+            raise ValueError(_rule_broken(error, row)) from error
+        values[row.name] = parameter.value
+    return values
+
+
+def _rule_broken(error, row):
+    what = str(error).removesuffix(f': {row.name}').replace('\n', ' ')
+    hint = ''
+    if isinstance(error, InvalidParameterTypeException) and row.kind in (_DOUBLE, _DOUBLES):
+        hint = ' A double is written with a point: 1.0, not 1.'
+    return f'parameter {row.name}: {what}. Rule: {row.constraints}{hint}'
+
+
+class MonitorParameters:
+    """
+    Declare the parameters on a node and keep the configuration that they make.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+    on_change : callable
+        Called with the new configuration after parameters were set.
+
+    Attributes
+    ----------
+    configuration : Configuration
+        Replaced whole when parameters are set; a refused change leaves it as it is.
+
+    Raises
+    ------
+    ValueError
+        If the values at start break a rule: names the parameter, its value and the rule.
+    """
+
+    def __init__(self, node, on_change):
+        self._node = node
+        self._on_change = on_change
+        self.configuration = Configuration.from_parameters(declare(node, MONITOR_TABLE))
+        # Registered only now: while parameters are declared one by one the set is not complete.
+        node.add_on_set_parameters_callback(self._judge)
+        node.add_post_set_parameters_callback(self._swap)
+
+    def _values(self):
+        return {row.name: self._node.get_parameter_or(row.name).value
+                for row in MONITOR_TABLE}
+
+    def _judge(self, parameters):
+        values = self._values()
+        changed = {parameter.name: parameter.value for parameter in parameters
+                   if parameter.name in values}
+        if changed:
+            try:
+                Configuration.from_parameters({**values, **changed})
+            except ValueError as error:
+                return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def _swap(self, parameters):
+        values = self._values()
+        if any(parameter.name in values for parameter in parameters):
+            self.configuration = Configuration.from_parameters(values)
+            self._on_change(self.configuration)
+

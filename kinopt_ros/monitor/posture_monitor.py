@@ -1,0 +1,121 @@
+"""
+The monitor without ROS: joint states and time in, verdicts out.
+
+    message -> posture -> index -> verdict
+"""
+
+import math
+
+from kinopt_ros.kinetostatics.index import kinetostatic_index
+from kinopt_ros.monitor.posture import BadJointStateError, PostureAssembler
+from kinopt_ros.monitor.verdict import (
+    ProximityFlag, verdict_on_bad_message, verdict_on_index, verdict_on_silence)
+
+
+class PostureMonitor:
+    """
+    Judge each posture of an arm, and its absence.
+
+    Times are in s on a clock that neither goes back nor stops.
+
+    Parameters
+    ----------
+    configuration : Configuration
+    now : float
+        Time at which the watch begins.
+
+    Attributes
+    ----------
+    configuration : Configuration
+        May be replaced between two calls; the joint names stay.
+    verdict : Verdict
+        The latest.
+    positions : tuple of float
+        Measured positions (rad) of the latest complete posture; NaN while it is not known.
+    accepted, rejected : int
+        Messages that gave a posture, and bad ones.
+    """
+
+    def __init__(self, configuration, now):
+        self.configuration = configuration
+        self.verdict = verdict_on_silence(
+            configuration.arm.joint_names, configuration.stale_timeout, waiting=True)
+        self.accepted = 0
+        self.rejected = 0
+        self._unknown = (math.nan,) * len(configuration.arm.joint_names)
+        self.positions = self._unknown
+        self._assembler = PostureAssembler(configuration.arm.joint_names)
+        self._flag = ProximityFlag()
+        self._quiet_since = now
+        self._is_stale = False
+        self._stale_since_posture = False
+
+    def on_joint_state(self, names, positions, now):
+        """
+        Judge a message.
+
+        Parameters
+        ----------
+        names : list of str
+        positions : sequence of float
+            Joint positions in rad.
+        now : float
+
+        Returns
+        -------
+        verdict : Verdict or None
+            None if the message does not concern the arm or completes no posture.
+        """
+        configuration = self.configuration
+        try:
+            posture = self._assembler.update(names, positions, now, configuration.stale_timeout)
+        except BadJointStateError as error:
+            self.rejected += 1
+            if self._stale_since_posture:
+                # Bad messages are no silence; when they end too, that is worth saying again.
+                self._quiet_since = now
+                self._is_stale = False
+            return self._lose_posture(verdict_on_bad_message(error), now)
+        if posture is None:
+            return None
+        self.accepted += 1
+        self._quiet_since = now
+        self._is_stale = self._stale_since_posture = False
+        self.positions = posture
+        index = kinetostatic_index(
+            configuration.arm.planar_arm, configuration.arm.joint_angles(posture))
+        self._flag.update(index, configuration.thresholds, now)
+        self.verdict = verdict_on_index(index, self._flag, configuration.thresholds)
+        return self.verdict
+
+    def on_time(self, now):
+        """Give a verdict when the posture has just become stale, None otherwise."""
+        if self._is_stale or self.time_to_stale(now) > 0.0:
+            return None
+        self._is_stale = self._stale_since_posture = True
+        return self._lose_posture(self._verdict_on_silence(now), now)
+
+    def time_to_stale(self, now):
+        """Time in s until the posture becomes stale unless another one comes."""
+        return self._quiet_since + self.configuration.stale_timeout - now
+
+    @property
+    def knows_posture(self):
+        """Whether there is a complete, fresh posture."""
+        return self.positions is not self._unknown
+
+    @property
+    def joint_angles(self):
+        """Relative joint angles theta_i (rad) that were judged; NaN while they are not known."""
+        return self.configuration.arm.joint_angles(self.positions)
+
+    def _verdict_on_silence(self, now):
+        timeout = self.configuration.stale_timeout
+        late = self._assembler.late_joints(now, timeout)
+        return verdict_on_silence(late or self.configuration.arm.joint_names, timeout, waiting=False)
+
+    def _lose_posture(self, verdict, now):
+        self.positions = self._unknown
+        self._flag.raise_at(now)
+        self.verdict = verdict
+        return verdict

@@ -1,0 +1,33 @@
+"""What SIGINT and SIGTERM mean to a process of this project: end, with status 0."""
+
+import os
+import signal
+
+_NUMBERS = (signal.SIGINT, signal.SIGTERM)
+
+
+def end_at_once():
+    """Before there is anything to tear down, let a signal end the process on the spot."""
+    _handle(lambda *_: os._exit(0))
+
+
+def take_note():
+    """
+    Let a signal raise nothing, and note it in the list returned.
+
+    The handlers that rclpy installs on top of these shut the context down, which ends the
+    spinning; a second signal then finds nothing left to interrupt.
+    """
+    received = []
+    _handle(lambda number, _: received.append(number))
+    return received
+
+
+def ignore():
+    """Ignore signals for good: the interpreter's own end would let a signal kill it again."""
+    _handle(signal.SIG_IGN)
+
+
+def _handle(handler):
+    for number in _NUMBERS:
+        signal.signal(number, handler)

@@ -1,0 +1,116 @@
+"""
+The solver in a process of its own, so that the monitor's cycle never waits for it.
+
+In the monitor's process a solve would hold the interpreter's lock for milliseconds at a time.
+"""
+
+from concurrent.futures import ThreadPoolExecutor
+import os
+import pickle
+import subprocess
+import sys
+import threading
+
+from kinopt_ros.kinetostatics.optimal_posture import optimal_posture
+from kinopt_ros.monitor import signals
+
+
+class SolverProcess:
+    """
+    Ask for optimal postures without waiting for them.
+
+    Requests are answered one after the other, in their order. The process starts with the
+    first one; should it die, the next request starts another. It ends with its parent,
+    whatever way that goes, because its input then ends.
+    """
+
+    def __init__(self):
+        self._thread = ThreadPoolExecutor(1, thread_name_prefix='solver')
+        self._process = None
+        self._lock = threading.Lock()
+        self._closed = False
+        self._waiting = 0
+
+    @property
+    def waiting(self):
+        """Number of requests that have no answer yet."""
+        return self._waiting
+
+    def submit(self, link_lengths, lower=None, upper=None, reference=None):
+        """
+        Ask for the optimal posture; the arguments are those of `optimal_posture`.
+
+        Returns
+        -------
+        future : concurrent.futures.Future
+            Its result is the OptimalPosture; its exception a ValueError where the request is
+            bad, or a ChildProcessError where the process died over it. Callbacks are run in
+            the thread that waits for the process.
+        """
+        with self._lock:
+            self._waiting += 1
+        future = self._thread.submit(self._ask, (link_lengths, lower, upper, reference))
+        future.add_done_callback(self._answered)
+        return future
+
+    def close(self):
+        """End the process, and wait for the thread; requests without an answer fail."""
+        with self._lock:
+            self._closed = True
+            if self._process is not None:
+                self._process.kill()
+        self._thread.shutdown(cancel_futures=True)
+        if self._process is not None:
+            self._process.communicate()
+
+    def _answered(self, _):
+        with self._lock:
+            self._waiting -= 1
+
+    def _ask(self, request):
+        process = self._running_process()
+        try:
+            pickle.dump(request, process.stdin)
+            process.stdin.flush()
+            answer = pickle.load(process.stdout)
+        except (OSError, EOFError, pickle.UnpicklingError) as error:
+            process.kill()
+            process.communicate()
+            raise ChildProcessError('the solver process ended over the request') from error
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
+
+    def _running_process(self):
+        with self._lock:
+            if self._closed:
+                raise ChildProcessError('the solver is closed')
+            if self._process is None or self._process.poll() is not None:
+                self._process = subprocess.Popen(
+                    [sys.executable, '-m', __name__], stdin=subprocess.PIPE,
+                    stdout=subprocess.PIPE,
+                    # A Ctrl-C at the terminal is for the node, which then ends this process.
+                    start_new_session=True)
+            return self._process
+
+
+def serve(requests, answers):
+    """Answer pickled requests from one stream on another until the first ends."""
+    while True:
+        try:
+            request = pickle.load(requests)
+        except EOFError:
+            return
+        try:
+            answer = optimal_posture(*request)
+        except Exception as error:
+            answer = error
+        pickle.dump(answer, answers)
+        answers.flush()
+
+
+if __name__ == '__main__':
+    signals.ignore()
+    # The controller beside which this runs comes first.
+    os.nice(10)
+    serve(sys.stdin.buffer, sys.stdout.buffer)

@@ -1,0 +1,112 @@
+"""The demonstration: a monitor and a simulated arm as two processes, watched from a third."""
+
+import argparse
+import math
+import os
+from pathlib import Path
+import signal
+import subprocess
+import sys
+import time
+
+from kinopt_ros.monitor.verdict import Thresholds
+from kinopt_ros.tools.private_domain import reserve_domain
+from kinopt_ros.tools.recorder import Recorder
+
+JOINT_NAMES = ['joint_1', 'joint_2', 'joint_3']
+LINK_LENGTHS = [1.0, 1.0, math.sqrt(3.0) / 3.0]
+WATCH_TIME = 15.0
+LINE_PERIOD = 0.5
+START_DEADLINE = 20.0
+
+
+def main(args=None):
+    """Run the demonstration; the exit status is returned."""
+    parser = argparse.ArgumentParser(
+        description='Watch a simulated arm pass its best posture and a singularity.')
+    parser.add_argument('--picture', type=Path, default=Path('output/demo.png'),
+                        help='where the picture goes (default: %(default)s)')
+    parser.add_argument('--seconds', type=float, default=WATCH_TIME,
+                        help='how long to watch (default: %(default)s)')
+    options = parser.parse_args(args)
+    # Nobody else hears the demonstration, and it hears nobody else.
+    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+    os.environ['ROS_DOMAIN_ID'] = str(reserve_domain())
+    processes = [_start('singularity_monitor'), _start('simulated_arm')]
+    try:
+        recording = _watch(options.seconds, processes)
+    except KeyboardInterrupt:
+        print('\ninterrupted')
+        return 0
+    finally:
+        _stop(processes)
+    if any(process.returncode != 0 for process in processes):
+        print('error: a process of the demonstration failed', file=sys.stderr)
+        return 1
+    return _draw(recording, options.picture)
+
+
+def _start(executable):
+    parameters = [f'joint_names:=[{", ".join(JOINT_NAMES)}]',
+                  f'link_lengths:=[{", ".join(map(repr, LINK_LENGTHS))}]']
+    arguments = [argument for parameter in parameters for argument in ('-p', parameter)]
+    return subprocess.Popen(
+        [Path(sys.executable).parent / executable, '--ros-args', *arguments],
+        # A Ctrl-C at the terminal is for the demonstration, which then stops its processes.
+        start_new_session=True)
+
+
+def _stop(processes):
+    for process in processes:
+        if process.poll() is None:
+            process.send_signal(signal.SIGINT)
+    for process in processes:
+        try:
+            process.wait(timeout=10.0)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+
+
+def _watch(seconds, processes):
+    """Print a line from time to time and return what was heard."""
+    with Recorder('singularity_monitor') as recorder:
+        deadline = time.monotonic() + START_DEADLINE
+        while not recorder.rows and time.monotonic() < deadline:
+            _spin(recorder, processes, 0.1)
+        if not recorder.rows:
+            raise TimeoutError(f'nothing was heard of the monitor for {START_DEADLINE:g} s')
+        end = time.monotonic() + seconds
+        print('   time       z   conditioning length   margin   flag')
+        while time.monotonic() < end:
+            _spin(recorder, processes, LINE_PERIOD)
+            print(_line(recorder.rows))
+        return recorder.rows
+
+
+def _spin(recorder, processes, seconds):
+    recorder.spin_for(seconds)
+    for process in processes:
+        if process.poll() is not None:
+            raise ChildProcessError(f'{process.args[0].name} ended with status '
+                                    f'{process.returncode}')
+
+
+def _line(rows):
+    row = rows[-1]
+    return (f'{row.time - rows[0].time:5.1f} s  {row.z:.4f}              '
+            f'{row.conditioning_length:.4f} m   {row.margin:.4f}   '
+            f'{"NEAR SINGULARITY" if row.near_singularity else "clear"}')
+
+
+def _draw(recording, path):
+    try:
+        from kinopt_ros.tools.time_plot import draw_over_time
+    except ImportError as error:
+        print(f'error: no picture without matplotlib ({error})', file=sys.stderr)
+        return 1
+    path.parent.mkdir(parents=True, exist_ok=True)
+    draw_over_time(recording, Thresholds(), path,
+                   'An arm passes its best posture (z = 0) and straightens out (margin = 0)')
+    print(f'picture: {path}')
+    return 0
