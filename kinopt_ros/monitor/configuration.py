@@ -71,9 +71,13 @@ class MeasuredArm:
                 in zip(self.joint_directions, positions, self.joint_offsets)]
 
     @property
-    def angle_limits(self):
-        """Lower and upper limits of the relative joint angles theta_i (rad)."""
-        ends = zip(self.joint_angles(self.joint_lower), self.joint_angles(self.joint_upper))
+    def n_joints(self):
+        """Number of joints n."""
+        return len(self.joint_names)
+
+    def angles_between(self, lower, upper):
+        """Lower and upper theta_i (rad) of the limits of measured positions (rad)."""
+        ends = zip(self.joint_angles(lower), self.joint_angles(upper))
         return tuple(zip(*(sorted(pair) for pair in ends)))
 
     def joint_positions(self, joint_angles):

@@ -45,7 +45,7 @@ def diagnostic_array(monitor, node_name, input_rate, stamp):
         With one status.
     """
     configuration = monitor.configuration
-    verdict = monitor.verdict
+    verdict, motion = monitor.verdict, monitor.motion()
     values = [
         ('z', _digits(verdict.index.z)),
         ('conditioning length (m)', _digits(verdict.index.conditioning_length)),
@@ -54,6 +54,10 @@ def diagnostic_array(monitor, node_name, input_rate, stamp):
         ('margin_min', _digits(configuration.thresholds.margin_min)),
         *((f'angle of {name} (rad)', _digits(angle))
           for name, angle in zip(configuration.arm.joint_names, monitor.joint_angles)),
+        ('trend', motion.trend.name.lower()),
+        ('dz/dt (1/s)', _digits(motion.z_rate)),
+        ('d(margin)/dt (1/s)', _digits(motion.margin_rate)),
+        ('time_to_threshold (s)', _digits(motion.time_to_threshold)),
         ('input rate (Hz)', f'{input_rate:.1f}'),
         ('messages accepted', str(monitor.accepted)),
         ('messages rejected', str(monitor.rejected)),

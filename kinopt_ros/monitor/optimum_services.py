@@ -51,11 +51,24 @@ class OptimumServices:
         """End the solver."""
         self._solver.close()
 
+    @property
+    def is_busy(self):
+        """Whether so many requests wait that more are to be refused."""
+        return self._solver.waiting >= MOST_WAITING
+
+    @property
+    def busy_reason(self):
+        """Reason of such a refusal."""
+        return f'busy: {self._solver.waiting} requests are waiting for the solver'
+
+    def solve(self, *arguments):
+        """Ask the solver; see `SolverProcess.submit`."""
+        return self._solver.submit(*arguments)
+
     def _solve_for(self, arm):
-        reference = self._monitor.positions if self._monitor.knows_posture else (
-            [0.0] * len(arm.joint_names))
-        return self._solver.submit(
-            arm.planar_arm.link_lengths, *arm.angle_limits, arm.joint_angles(reference))
+        return self.solve(
+            arm.planar_arm.link_lengths, *arm.angles_between(arm.joint_lower, arm.joint_upper),
+            arm.joint_angles(self._monitor.reference_positions))
 
     def _publish(self, arm, done):
         # Of several changes in a row only the last is worth announcing.
@@ -74,9 +87,8 @@ class OptimumServices:
 
     def _on_trigger(self, _):
         arm = self._monitor.configuration.arm
-        if self._solver.waiting >= MOST_WAITING:
-            return completed(Trigger.Response(success=False, message=(
-                f'busy: {self._solver.waiting} requests are waiting for the solver')))
+        if self.is_busy:
+            return completed(Trigger.Response(success=False, message=self.busy_reason))
         return mapped(self._solve_for(arm), lambda solved: _trigger_response(arm, solved))
 
 

@@ -33,17 +33,23 @@ class PostureAssembler:
     ----------
     joint_names : sequence of str
         The arm's joints, base to tip.
+
+    Attributes
+    ----------
+    velocities : list of float
+        Latest velocities in rad/s, base to tip; NaN where a joint's publisher gives none.
     """
 
     def __init__(self, joint_names):
         self._joint_names = tuple(joint_names)
         self._slots = {name: slot for slot, name in enumerate(self._joint_names)}
         self._positions = [math.nan] * len(self._joint_names)
+        self.velocities = [math.nan] * len(self._joint_names)
         self._received = [-math.inf] * len(self._joint_names)
         self._layout_names = None
         self._layout = ()
 
-    def update(self, names, positions, now, stale_timeout):
+    def update(self, names, positions, now, stale_timeout, velocities=()):
         """
         Take a message in.
 
@@ -57,6 +63,8 @@ class PostureAssembler:
             Time of reception in s on a clock that never goes back.
         stale_timeout : float
             Age in s beyond which a position no longer counts.
+        velocities : sequence of float
+            Joint velocities in rad/s, one per name; anything else counts as none.
 
         Returns
         -------
@@ -76,7 +84,7 @@ class PostureAssembler:
         if not self._layout:
             return None
         try:
-            self._store(len(names), positions, now)
+            self._store(len(names), positions, velocities, now)
         except BadJointStateError:
             self._forget()
             raise
@@ -100,7 +108,7 @@ class PostureAssembler:
         self._layout = tuple((self._slots[name], place) for place, name in enumerate(names)
                              if name in self._slots)
 
-    def _store(self, name_count, positions, now):
+    def _store(self, name_count, positions, velocities, now):
         layout = self._layout
         if len({slot for slot, _ in layout}) != len(layout):
             raise self._error(self._first_repeated(), 'named more than once',
@@ -115,6 +123,12 @@ class PostureAssembler:
         for slot, place in layout:
             self._positions[slot] = positions[place]
             self._received[slot] = now
+        if len(velocities) == name_count:
+            for slot, place in layout:
+                self.velocities[slot] = velocities[place]
+        else:
+            for slot, _ in layout:
+                self.velocities[slot] = math.nan
 
     def _first_repeated(self):
         seen = set()

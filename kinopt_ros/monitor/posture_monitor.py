@@ -6,7 +6,9 @@ The monitor without ROS: joint states and time in, verdicts out.
 
 import math
 
+from kinopt_ros.kinetostatics.gradient import index_gradient, IndexGradient
 from kinopt_ros.kinetostatics.index import kinetostatic_index
+from kinopt_ros.monitor.motion import motion_at, PositionHistory, UNKNOWN_MOTION
 from kinopt_ros.monitor.posture import BadJointStateError, PostureAssembler
 from kinopt_ros.monitor.verdict import (
     ProximityFlag, verdict_on_bad_message, verdict_on_index, verdict_on_silence)
@@ -45,12 +47,14 @@ class PostureMonitor:
         self._unknown = (math.nan,) * len(configuration.arm.joint_names)
         self.positions = self._unknown
         self._assembler = PostureAssembler(configuration.arm.joint_names)
+        self._history = PositionHistory()
+        self._gradient = self._motion = None
         self._flag = ProximityFlag()
         self._quiet_since = now
         self._is_stale = False
         self._stale_since_posture = False
 
-    def on_joint_state(self, names, positions, now):
+    def on_joint_state(self, names, positions, now, velocities=(), stamp=0.0):
         """
         Judge a message.
 
@@ -60,6 +64,10 @@ class PostureMonitor:
         positions : sequence of float
             Joint positions in rad.
         now : float
+        velocities : sequence of float
+            Joint velocities in rad/s; empty where the publisher gives none.
+        stamp : float
+            The message's own time in s.
 
         Returns
         -------
@@ -68,7 +76,8 @@ class PostureMonitor:
         """
         configuration = self.configuration
         try:
-            posture = self._assembler.update(names, positions, now, configuration.stale_timeout)
+            posture = self._assembler.update(
+                names, positions, now, configuration.stale_timeout, velocities)
         except BadJointStateError as error:
             self.rejected += 1
             if self._stale_since_posture:
@@ -82,6 +91,8 @@ class PostureMonitor:
         self._quiet_since = now
         self._is_stale = self._stale_since_posture = False
         self.positions = posture
+        self._history.add(stamp, posture)
+        self._gradient = self._motion = None
         index = kinetostatic_index(
             configuration.arm.planar_arm, configuration.arm.joint_angles(posture))
         self._flag.update(index, configuration.thresholds, now)
@@ -105,9 +116,42 @@ class PostureMonitor:
         return self.positions is not self._unknown
 
     @property
+    def reference_positions(self):
+        """Measured positions (rad) near which an optimum is wanted: the present ones, or 0."""
+        return self.positions if self.knows_posture else (0.0,) * len(self.positions)
+
+    @property
     def joint_angles(self):
         """Relative joint angles theta_i (rad) that were judged; NaN while they are not known."""
         return self.configuration.arm.joint_angles(self.positions)
+
+    def gradient(self):
+        """
+        Gradients of z and margin in measured joint coordinates; None without a posture.
+
+        Computed on demand, once per posture, as is `motion`.
+        """
+        if self._gradient is None and self.knows_posture:
+            arm = self.configuration.arm
+            by_angles = index_gradient(arm.planar_arm, self.joint_angles)
+            self._gradient = IndexGradient(
+                *(arm.joint_directions * values for values in by_angles))
+        return self._gradient
+
+    def motion(self):
+        """Motion in terms of the index, unknown without a posture or joint rates."""
+        if self._motion is None:
+            self._motion = self._judged_motion()
+        return self._motion
+
+    def _judged_motion(self):
+        joint_rates = self._assembler.velocities
+        if not all(map(math.isfinite, joint_rates)):
+            joint_rates = self._history.joint_rates()
+        if joint_rates is None or not self.knows_posture:
+            return UNKNOWN_MOTION
+        return motion_at(self.verdict.index, self.gradient(), joint_rates,
+                         self.configuration.thresholds)
 
     def _verdict_on_silence(self, now):
         timeout = self.configuration.stale_timeout
@@ -116,6 +160,8 @@ class PostureMonitor:
 
     def _lose_posture(self, verdict, now):
         self.positions = self._unknown
+        self._history.clear()
+        self._gradient = self._motion = None
         self._flag.raise_at(now)
         self.verdict = verdict
         return verdict

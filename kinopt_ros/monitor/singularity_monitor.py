@@ -8,7 +8,8 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Bool, Float64
+from std_msgs.msg import (
+    Bool, Float64, Float64MultiArray, Header, MultiArrayDimension, MultiArrayLayout)
 
 from kinopt_ros.monitor.diagnostics import diagnostic_array, InputRate
 from kinopt_ros.monitor.optimum_services import OptimumServices
@@ -39,12 +40,13 @@ class SingularityMonitor(Node):
         self._settings = MonitorParameters(self, self._on_configuration)
         self._monitor = PostureMonitor(self._settings.configuration, steady_time())
         self._input_rate = InputRate()
-        self._stamp = None
+        self._header = None
         self._published = None
         self._create_publishers()
         self._create_timers()
         self._optimum = OptimumServices(self, self._monitor)
         self._optimum.announce()
+        self._typed = self._offer_typed_interfaces()
         self.create_subscription(
             JointState, 'joint_states', self._on_joint_state, JOINT_STATES_QOS,
             qos_overriding_options=QoSOverridingOptions.with_default_policies())
@@ -55,7 +57,18 @@ class SingularityMonitor(Node):
         self._conditioning_length = self.create_publisher(Float64, '~/conditioning_length', 10)
         self._margin = self.create_publisher(Float64, '~/margin', 10)
         self._near_singularity = self.create_publisher(Bool, '~/near_singularity', 10)
+        self._gradient = self.create_publisher(Float64MultiArray, '~/gradient', 10)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+
+    def _offer_typed_interfaces(self):
+        try:
+            from kinopt_ros.monitor.typed_interfaces import TypedInterfaces
+        except ImportError as error:
+            self.get_logger().info(
+                f'without ~/state and ~/solve_optimal_posture ({error}); to have them: '
+                'colcon build --packages-select kinopt_interfaces')
+            return None
+        return TypedInterfaces(self, self._monitor, self._optimum)
 
     def _create_timers(self):
         configuration = self._settings.configuration
@@ -69,10 +82,13 @@ class SingularityMonitor(Node):
 
     def _on_joint_state(self, message):
         now = steady_time()
-        verdict = self._monitor.on_joint_state(message.name, message.position, now)
+        header = message.header
+        verdict = self._monitor.on_joint_state(
+            message.name, message.position, now, message.velocity,
+            header.stamp.sec + 1e-9 * header.stamp.nanosec)
         if verdict is None:
             return
-        self._stamp = message.header.stamp
+        self._header = header
         self._input_rate.tick(now)
         self._publish(verdict, is_cycle=True)
 
@@ -90,6 +106,10 @@ class SingularityMonitor(Node):
         self._conditioning_length.publish(Float64(data=verdict.index.conditioning_length))
         self._margin.publish(Float64(data=verdict.index.margin))
         self._near_singularity.publish(Bool(data=verdict.near_singularity))
+        if self._gradient.get_subscription_count() > 0:
+            self._gradient.publish(_gradient_message(self._monitor.gradient()))
+        if self._typed is not None:
+            self._typed.publish_state(self._header or Header())
         each_cycle = is_cycle and self._settings.configuration.diagnostics_period == 0.0
         if each_cycle or (verdict.level, verdict.reason) != self._published:
             self._publish_diagnostics()
@@ -97,7 +117,7 @@ class SingularityMonitor(Node):
     def _publish_diagnostics(self):
         verdict = self._monitor.verdict
         self._published = (verdict.level, verdict.reason)
-        stamp = self._stamp or self.get_clock().now().to_msg()
+        stamp = self._header.stamp if self._header else self.get_clock().now().to_msg()
         self._diagnostics.publish(diagnostic_array(
             self._monitor, self.get_fully_qualified_name(),
             self._input_rate.per_second(steady_time()), stamp))
@@ -131,6 +151,14 @@ class SingularityMonitor(Node):
             f'monitoring {", ".join(configuration.arm.joint_names)} with link lengths '
             f'{", ".join(f"{a:g}" for a in configuration.arm.planar_arm.link_lengths)} m; flag at '
             f'z > {thresholds.z_max:g} or margin < {thresholds.margin_min:g}')
+
+
+def _gradient_message(gradient):
+    """Give dz/dtheta by measured joint positions; empty while the posture is not known."""
+    values = [] if gradient is None else gradient.z.tolist()
+    dimension = MultiArrayDimension(
+        label='dz/dtheta (1/rad), by joint_names', size=len(values), stride=len(values))
+    return Float64MultiArray(layout=MultiArrayLayout(dim=[dimension]), data=values)
 
 
 def _nanoseconds(seconds):
