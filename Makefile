@@ -62,3 +62,15 @@ $(VENV)/.interfaces: $(VENV)/.python-$(VERSION) $(INTERFACE_SOURCES) | $(VENV)/.
 	@CMAKE_PREFIX_PATH=$(CURDIR)/$(VENV) AMENT_PREFIX_PATH=$(CURDIR)/$(VENV) \
 		$(PIP) --no-build-isolation ./kinopt_interfaces
 	@touch $@
+
+# Both packages, as `colcon build` makes them for `ros2 run` and `ros2 launch`.
+colcon: $(VENV)/.interfaces
+	@$(PIP) --no-build-isolation '.[colcon]'
+	@rm -rf output/colcon
+	@PATH=$(CURDIR)/$(BIN):$$PATH AMENT_PREFIX_PATH=$(CURDIR)/$(VENV) \
+		$(BIN)/colcon --log-base output/colcon/log build \
+		--build-base output/colcon/build --install-base output/colcon/install
+	@$(BIN)/python .ci/check_install.py output/colcon/install
+
+clean:
+	@rm -rf $(VENV) build install log output *.egg-info

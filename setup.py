@@ -6,7 +6,7 @@ package_name = 'kinopt_ros'
 
 plot = ['matplotlib']
 urdf = ['urdf-parser-py']
-bags = ['rosbags']
+bags = ['rosbags', 'tqdm']
 
 setup(
     name=package_name,
@@ -48,6 +48,8 @@ setup(
             'singularity_monitor = kinopt_ros.executables:singularity_monitor',
             'simulated_arm = kinopt_ros.executables:simulated_arm',
             'demo = kinopt_ros.tools.demo:main',
+            'analyze = kinopt_ros.tools.analyze:main',
+            'plot = kinopt_ros.tools.plot:main',
             'optimal_posture = kinopt_ros.tools.optimal_posture:main',
         ],
     },

@@ -7,8 +7,17 @@ Nothing here knows of a node: `Configuration.from_parameters` takes plain values
 from dataclasses import dataclass
 import math
 
+import numpy as np
+
+from kinopt_ros.kinetostatics.gradient import index_gradient, IndexGradient
+from kinopt_ros.kinetostatics.index import kinetostatic_index
+from kinopt_ros.kinetostatics.model_set import gradient_against, index_against, model_polygon
 from kinopt_ros.kinetostatics.planar_arm import MIN_JOINTS, PlanarArm
+from kinopt_ros.kinetostatics.singular_postures import z_crit
 from kinopt_ros.monitor.verdict import Thresholds
+
+# Value of z_max that stands for the least z over the singular postures of the arm.
+USE_Z_CRIT = -1.0
 
 # Offsets count turns at most; with this bound no finite position overflows when one is added.
 LARGEST_OFFSET = 1e6
@@ -80,6 +89,17 @@ class MeasuredArm:
         ends = zip(self.joint_angles(lower), self.joint_angles(upper))
         return tuple(zip(*(sorted(pair) for pair in ends)))
 
+    def nearest_limit(self, positions):
+        """
+        Give the smallest distance (rad) of measured positions to a limit, and its joint.
+
+        The distance is negative beyond the limit; None where no joint has a limit.
+        """
+        distance, joint = min(
+            (min(position - lower, upper - position), name) for name, position, lower, upper
+            in zip(self.joint_names, positions, self.joint_lower, self.joint_upper))
+        return (distance, joint) if math.isfinite(distance) else None
+
     def joint_positions(self, joint_angles):
         """Measured joint positions (rad) that make relative joint angles theta_i (rad)."""
         return [direction * (angle - offset) for direction, angle, offset
@@ -95,17 +115,29 @@ class Configuration:
     ----------
     arm : MeasuredArm
     thresholds : Thresholds
+    model_set : array, complex, shape (n,), or None
+        The model set to compare with; None for the closest of all.
+    model_mirror : bool
+        Whether the mirror image of the model set may be used where it is closer.
     stale_timeout : float
         Age in s beyond which a position no longer counts.
     diagnostics_period : float
         Period of the diagnostics in s; 0 for each cycle.
+    marker_rate : float
+        Most markers per second.
+    base_frame : str
+        Frame of the markers.
     hardware_id : str
     """
 
     arm: MeasuredArm
     thresholds: Thresholds
+    model_set: np.ndarray
+    model_mirror: bool
     stale_timeout: float
     diagnostics_period: float
+    marker_rate: float
+    base_frame: str
     hardware_id: str
 
     @classmethod
@@ -119,14 +151,53 @@ class Configuration:
         try:
             return cls(
                 arm=arm,
-                thresholds=Thresholds(values['z_max'], values['margin_min'],
-                                      values['hysteresis'], values['min_dwell']),
+                thresholds=Thresholds(_z_max(values['z_max'], arm.planar_arm),
+                                      values['margin_min'], values['hysteresis'],
+                                      values['min_dwell']),
+                model_set=_model_set(values['model_set'], values['model_numbering'],
+                                     arm.n_joints),
+                model_mirror=values['model_mirror'],
                 stale_timeout=_duration('stale_timeout', values['stale_timeout'], zero=False),
                 diagnostics_period=_duration('diagnostics_period', values['diagnostics_period'],
                                              zero=True),
+                marker_rate=values['marker_rate'],
+                base_frame=values['base_frame'],
                 hardware_id=values['hardware_id'])
         except ValueError as error:
             raise ValueError(f'parameter {error}') from error
+
+    def index(self, positions):
+        """Index of measured joint positions (rad) against the model set."""
+        angles = self.arm.joint_angles(positions)
+        if self.model_set is None:
+            return kinetostatic_index(self.arm.planar_arm, angles)
+        return index_against(self.arm.planar_arm, angles, self.model_set, self.model_mirror)
+
+    def gradient(self, positions):
+        """Gradients of that index's z and margin by measured joint positions, in 1/rad."""
+        angles = self.arm.joint_angles(positions)
+        if self.model_set is None:
+            gradient = index_gradient(self.arm.planar_arm, angles)
+        else:
+            gradient = gradient_against(
+                self.arm.planar_arm, angles, self.model_set, self.model_mirror)
+        return IndexGradient(*(self.arm.joint_directions * values for values in gradient))
+
+
+def _z_max(value, planar_arm):
+    return z_crit(planar_arm) if value == USE_Z_CRIT else value
+
+
+def _model_set(kind, numbering, n):
+    if kind == 'closest':
+        return None
+    if kind != 'polygon':
+        raise ValueError(f"model_set = '{kind}': must be 'closest' or 'polygon'")
+    try:
+        return model_polygon(n, numbering or None)
+    except ValueError as error:
+        raise ValueError(f'model_numbering = {list(numbering)}: must hold each of 0 to {n - 1} '
+                         'once') from error
 
 
 def _joint_names(names):

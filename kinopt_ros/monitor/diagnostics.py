@@ -7,16 +7,25 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 _LEVELS = (DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR,
            DiagnosticStatus.STALE)
 
+# Messages of so many seconds count for the input rate, and never more than the latest 100.
+_RATE_WINDOW = 5.0
+
 
 class InputRate:
     """Rate of the accepted messages over the latest of them."""
 
-    def __init__(self, window=100):
-        self._times = deque(maxlen=window)
+    def __init__(self):
+        self._times = deque(maxlen=100)
 
     def tick(self, now):
         """Count a message at time now (s)."""
         self._times.append(now)
+        while now - self._times[0] > _RATE_WINDOW:
+            self._times.popleft()
+
+    def forget(self):
+        """Begin anew, after a gap."""
+        self._times.clear()
 
     def per_second(self, now):
         """Rate in Hz; it falls towards 0 when messages stop."""
@@ -25,17 +34,18 @@ class InputRate:
         return (len(self._times) - 1) / max(now - self._times[0], 1e-9)
 
 
-def diagnostic_array(monitor, node_name, input_rate, stamp):
+def diagnostic_array(verdict, values, node_name, hardware_id, stamp):
     """
-    Make the diagnostics of a monitor's latest verdict.
+    Make the diagnostics of a verdict.
 
     Parameters
     ----------
-    monitor : PostureMonitor
+    verdict : Verdict
+    values : sequence of (str, str)
+        Keys and values.
     node_name : str
         Fully qualified name of the node.
-    input_rate : float
-        In Hz.
+    hardware_id : str
     stamp : builtin_interfaces.msg.Time
         The JointState's.
 
@@ -44,16 +54,38 @@ def diagnostic_array(monitor, node_name, input_rate, stamp):
     array : diagnostic_msgs.msg.DiagnosticArray
         With one status.
     """
-    configuration = monitor.configuration
-    verdict, motion = monitor.verdict, monitor.motion()
-    values = [
-        ('z', _digits(verdict.index.z)),
-        ('conditioning length (m)', _digits(verdict.index.conditioning_length)),
-        ('margin', _digits(verdict.index.margin)),
-        ('z_max', _digits(configuration.thresholds.z_max)),
-        ('margin_min', _digits(configuration.thresholds.margin_min)),
+    status = DiagnosticStatus(
+        level=_LEVELS[verdict.level],
+        name=f'{node_name.lstrip("/")}: posture',
+        message=verdict.message,
+        hardware_id=hardware_id,
+        values=[KeyValue(key=key, value=value) for key, value in values])
+    array = DiagnosticArray(status=[status])
+    array.header.stamp = stamp
+    return array
+
+
+def key_values(monitor, input_rate):
+    """
+    Give the keys and values that a monitor's diagnostics show.
+
+    Parameters
+    ----------
+    monitor : PostureMonitor
+    input_rate : float
+        In Hz.
+    """
+    arm, thresholds = monitor.configuration.arm, monitor.configuration.thresholds
+    index, motion = monitor.verdict.index, monitor.motion()
+    return [
+        ('z', _digits(index.z)),
+        ('conditioning length (m)', _digits(index.conditioning_length)),
+        ('margin', _digits(index.margin)),
+        ('z_max', _digits(thresholds.z_max)),
+        ('margin_min', _digits(thresholds.margin_min)),
         *((f'angle of {name} (rad)', _digits(angle))
-          for name, angle in zip(configuration.arm.joint_names, monitor.joint_angles)),
+          for name, angle in zip(arm.joint_names, monitor.joint_angles)),
+        *_limit_values(arm, monitor),
         ('trend', motion.trend.name.lower()),
         ('dz/dt (1/s)', _digits(motion.z_rate)),
         ('d(margin)/dt (1/s)', _digits(motion.margin_rate)),
@@ -62,15 +94,16 @@ def diagnostic_array(monitor, node_name, input_rate, stamp):
         ('messages accepted', str(monitor.accepted)),
         ('messages rejected', str(monitor.rejected)),
     ]
-    status = DiagnosticStatus(
-        level=_LEVELS[verdict.level],
-        name=f'{node_name.lstrip("/")}: posture',
-        message=verdict.message,
-        hardware_id=configuration.hardware_id,
-        values=[KeyValue(key=key, value=value) for key, value in values])
-    array = DiagnosticArray(status=[status])
-    array.header.stamp = stamp
-    return array
+
+
+def _limit_values(arm, monitor):
+    """Distance to the nearest joint limit: beside the index, never part of it."""
+    nearest = arm.nearest_limit(monitor.positions) if monitor.knows_posture else None
+    if nearest is None:
+        return []
+    distance, joint = nearest
+    return [('distance to the nearest joint limit (rad)', _digits(distance)),
+            ('joint nearest to its limit', joint)]
 
 
 def _digits(value):

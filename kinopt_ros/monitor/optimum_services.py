@@ -29,6 +29,11 @@ class OptimumServices:
     node : rclpy.node.Node
     monitor : PostureMonitor
         Tells the arm and its present posture.
+
+    Attributes
+    ----------
+    circle_radius : float or None
+        Radius in m of the conditioning circle of the arm; None while it is not known.
     """
 
     def __init__(self, node, monitor):
@@ -36,6 +41,7 @@ class OptimumServices:
         self._monitor = monitor
         self._solver = SolverProcess()
         self._latest_arm = None
+        self.circle_radius = None
         self._publisher = node.create_publisher(JointState, '~/optimal_posture', LATCHED)
         create_deferred_service(node, Trigger, '~/get_optimal_posture', self._on_trigger)
 
@@ -44,11 +50,12 @@ class OptimumServices:
         arm = self._monitor.configuration.arm
         if arm == self._latest_arm:
             return
-        self._latest_arm = arm
+        self._latest_arm, self.circle_radius = arm, None
         self._solve_for(arm).add_done_callback(lambda done: self._publish(arm, done))
 
     def close(self):
         """End the solver."""
+        self._latest_arm = None
         self._solver.close()
 
     @property
@@ -77,6 +84,7 @@ class OptimumServices:
         if done.exception() is not None:
             self._node.get_logger().error(f'no optimal posture: {done.exception()}')
             return
+        self.circle_radius = done.result().circle_radius
         message = JointState(
             name=arm.joint_names, position=arm.joint_positions(done.result().joint_angles))
         message.header.stamp = self._node.get_clock().now().to_msg()

@@ -75,12 +75,12 @@ ARM_TABLE = (
         'One per joint, not below joint_lower; inf for a free joint.'),
 )
 
-MONITOR_TABLE = (
-    *ARM_TABLE,
+BEHAVIOUR_TABLE = (
     ParameterRow(
         'z_max', _DOUBLE, 0.9,
-        'The flag rises when z exceeds this (the largest tolerable z).',
-        'Within 0..1; (1 - z_max) (1 + hysteresis) below 1.', (0.0, 1.0)),
+        'The flag rises when z exceeds this (the largest tolerable z). -1 stands for z_crit, the '
+        'least z over the singular postures of the arm.',
+        'Within 0..1, or -1; (1 - z_max) (1 + hysteresis) below 1.', (-1.0, 1.0)),
     ParameterRow(
         'margin_min', _DOUBLE, 0.05,
         'The flag rises when the margin to singularity falls below this.',
@@ -103,14 +103,73 @@ MONITOR_TABLE = (
         'Period in s of the diagnostics while nothing changes; 0 for each cycle.',
         'Within 0..3600.', (0.0, 3600.0)),
     ParameterRow(
+        'model_set', Parameter.Type.STRING, 'closest',
+        "Isotropic set to compare with: the closest of all ('closest'), or a regular polygon "
+        "('polygon').", 'closest or polygon.'),
+    ParameterRow(
+        'model_numbering', Parameter.Type.INTEGER_ARRAY, None,
+        'Vertex of the polygon, counted counterclockwise from 0, for each joint.',
+        'Each of 0 to n - 1 once; not set stands for 0, 1, ... n - 1.'),
+    ParameterRow(
+        'model_mirror', Parameter.Type.BOOL, False,
+        'Whether the mirror image of the polygon may be used where it is closer.', 'A boolean.'),
+    ParameterRow(
+        'marker_rate', _DOUBLE, 10.0,
+        'Most markers for RViz per second; none are made while nobody subscribes.',
+        'Within 0.1..100.', (0.1, 100.0)),
+    ParameterRow(
+        'base_frame', Parameter.Type.STRING, '',
+        'Frame of the markers, with the plane of the arm as its x-y plane. Empty stands for '
+        'base_link, or the right place in the robot description where the arm comes from one.',
+        'A frame id.'),
+    ParameterRow(
         'hardware_id', Parameter.Type.STRING, lambda n, node_name: node_name,
         'Hardware id of the diagnostics.', 'Any text; read-only.', read_only=True),
 )
 
+MONITOR_TABLE = (*BEHAVIOUR_TABLE, *ARM_TABLE)
 
-def declare(node, table):
+# With base_link and tip_link the arm comes from a robot description; what is given explicitly
+# in the parameters of the arm wins over what is derived.
+DESCRIPTION_TABLE = (
+    ParameterRow(
+        'base_link', Parameter.Type.STRING, '',
+        'First link of the chain in the robot description that holds the arm.',
+        'A link; empty if the arm is given by joint_names and link_lengths; read-only.',
+        read_only=True),
+    ParameterRow(
+        'tip_link', Parameter.Type.STRING, '',
+        'Last link of that chain; its origin is the operation point.',
+        'A link, given together with base_link; read-only.', read_only=True),
+    ParameterRow(
+        'robot_description', Parameter.Type.STRING, '',
+        'Robot description (URDF). Empty: it is taken from the latched topic robot_description.',
+        'URDF; read-only.', read_only=True),
+    ParameterRow(
+        'tool_offset', _DOUBLES, lambda *_: [0.0, 0.0, 0.0],
+        'Operation point in the frame of tip_link, x, y, z in m.',
+        'Three finite values; read-only.', read_only=True),
+    ParameterRow(
+        'held_joints', Parameter.Type.STRING_ARRAY, None,
+        'Movable joints of the chain outside the planar arm that are held still.',
+        'Joints of the description; read-only.', read_only=True),
+    ParameterRow(
+        'held_positions', _DOUBLES, None,
+        'Positions at which they are held, rad or m.',
+        'One per held joint; read-only.', read_only=True),
+)
+
+
+def declare(node, table, derived=None):
     """
     Declare the parameters of a table and return their values by name.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+    table : sequence of ParameterRow
+    derived : dict of str to value, optional
+        Defaults that take the place of the table's.
 
     Raises
     ------
@@ -122,7 +181,9 @@ def declare(node, table):
     values = {}
     for row in table:
         n = len(values.get('joint_names') or ())
-        default = row.default(n, node_name) if callable(row.default) else row.default
+        default = (derived or {}).get(row.name, row.default)
+        if callable(default):
+            default = default(n, node_name)
         try:
             # An empty or missing default has no type of its own.
             parameter = node.declare_parameter(
@@ -141,15 +202,28 @@ def _rule_broken(error, row):
     return f'parameter {row.name}: {what}. Rule: {row.constraints}{hint}'
 
 
+def given_joint_names(node):
+    """Joint names that the user has given, before the parameter is declared for good."""
+    try:
+        names = node.declare_parameter('joint_names', Parameter.Type.STRING_ARRAY).value
+    except ParameterException as error:
+        raise ValueError(_rule_broken(error, ARM_TABLE[0])) from error
+    node.undeclare_parameter('joint_names')
+    return names
+
+
 class MonitorParameters:
     """
-    Declare the parameters on a node and keep the configuration that they make.
+    Declare the parameters of the arm and keep the configuration that they all make.
 
     Parameters
     ----------
     node : rclpy.node.Node
+        With the parameters of `BEHAVIOUR_TABLE` declared already.
     on_change : callable
         Called with the new configuration after parameters were set.
+    derived : dict of str to value, optional
+        Parameters of the arm that came from a robot description.
 
     Attributes
     ----------
@@ -162,10 +236,11 @@ class MonitorParameters:
         If the values at start break a rule: names the parameter, its value and the rule.
     """
 
-    def __init__(self, node, on_change):
+    def __init__(self, node, on_change, derived=None):
         self._node = node
         self._on_change = on_change
-        self.configuration = Configuration.from_parameters(declare(node, MONITOR_TABLE))
+        declare(node, ARM_TABLE, derived)
+        self.configuration = Configuration.from_parameters(self._values())
         # Registered only now: while parameters are declared one by one the set is not complete.
         node.add_on_set_parameters_callback(self._judge)
         node.add_post_set_parameters_callback(self._swap)

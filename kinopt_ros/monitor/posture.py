@@ -114,7 +114,9 @@ class PostureAssembler:
             raise self._error(self._first_repeated(), 'named more than once',
                               f'{name_count} names')
         if len(positions) != name_count:
-            raise self._error(layout[0][0], 'the message must hold one position per name',
+            without = [slot for slot, place in layout if place >= len(positions)]
+            raise self._error((without or [layout[0][0]])[0],
+                              'the message must hold one position per name',
                               f'{len(positions)} positions, {name_count} names')
         for slot, place in layout:
             position = positions[place]

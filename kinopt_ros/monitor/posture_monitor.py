@@ -6,12 +6,10 @@ The monitor without ROS: joint states and time in, verdicts out.
 
 import math
 
-from kinopt_ros.kinetostatics.gradient import index_gradient, IndexGradient
-from kinopt_ros.kinetostatics.index import kinetostatic_index
 from kinopt_ros.monitor.motion import motion_at, PositionHistory, UNKNOWN_MOTION
 from kinopt_ros.monitor.posture import BadJointStateError, PostureAssembler
 from kinopt_ros.monitor.verdict import (
-    ProximityFlag, verdict_on_bad_message, verdict_on_index, verdict_on_silence)
+    Level, ProximityFlag, verdict_on_bad_message, verdict_on_index, verdict_on_silence)
 
 
 class PostureMonitor:
@@ -29,7 +27,6 @@ class PostureMonitor:
     Attributes
     ----------
     configuration : Configuration
-        May be replaced between two calls; the joint names stay.
     verdict : Verdict
         The latest.
     positions : tuple of float
@@ -40,8 +37,6 @@ class PostureMonitor:
 
     def __init__(self, configuration, now):
         self.configuration = configuration
-        self.verdict = verdict_on_silence(
-            configuration.arm.joint_names, configuration.stale_timeout, waiting=True)
         self.accepted = 0
         self.rejected = 0
         self._unknown = (math.nan,) * len(configuration.arm.joint_names)
@@ -53,6 +48,13 @@ class PostureMonitor:
         self._quiet_since = now
         self._is_stale = False
         self._stale_since_posture = False
+        self.verdict = self._verdict_on_silence(now)
+
+    def configure(self, configuration, now):
+        """Go on with another configuration of the same joints; what is known is judged again."""
+        self.configuration = configuration
+        if self.knows_posture:
+            self._judge(self.positions, now)
 
     def on_joint_state(self, names, positions, now, velocities=(), stamp=0.0):
         """
@@ -86,22 +88,18 @@ class PostureMonitor:
                 self._is_stale = False
             return self._lose_posture(verdict_on_bad_message(error), now)
         if posture is None:
+            self._name_late_joints(now)
             return None
         self.accepted += 1
         self._quiet_since = now
         self._is_stale = self._stale_since_posture = False
-        self.positions = posture
         self._history.add(stamp, posture)
-        self._gradient = self._motion = None
-        index = kinetostatic_index(
-            configuration.arm.planar_arm, configuration.arm.joint_angles(posture))
-        self._flag.update(index, configuration.thresholds, now)
-        self.verdict = verdict_on_index(index, self._flag, configuration.thresholds)
-        return self.verdict
+        return self._judge(posture, now)
 
     def on_time(self, now):
         """Give a verdict when the posture has just become stale, None otherwise."""
         if self._is_stale or self.time_to_stale(now) > 0.0:
+            self._name_late_joints(now)
             return None
         self._is_stale = self._stale_since_posture = True
         return self._lose_posture(self._verdict_on_silence(now), now)
@@ -132,10 +130,7 @@ class PostureMonitor:
         Computed on demand, once per posture, as is `motion`.
         """
         if self._gradient is None and self.knows_posture:
-            arm = self.configuration.arm
-            by_angles = index_gradient(arm.planar_arm, self.joint_angles)
-            self._gradient = IndexGradient(
-                *(arm.joint_directions * values for values in by_angles))
+            self._gradient = self.configuration.gradient(self.positions)
         return self._gradient
 
     def motion(self):
@@ -153,10 +148,25 @@ class PostureMonitor:
         return motion_at(self.verdict.index, self.gradient(), joint_rates,
                          self.configuration.thresholds)
 
+    def _judge(self, posture, now):
+        thresholds = self.configuration.thresholds
+        self.positions = posture
+        self._gradient = self._motion = None
+        index = self.configuration.index(posture)
+        self._flag.update(index, thresholds, now)
+        self.verdict = verdict_on_index(index, self._flag, thresholds)
+        return self.verdict
+
+    def _name_late_joints(self, now):
+        """While nothing is known, keep naming the joints that are late now."""
+        if self.verdict.level is Level.STALE:
+            self.verdict = self._verdict_on_silence(now)
+
     def _verdict_on_silence(self, now):
         timeout = self.configuration.stale_timeout
         late = self._assembler.late_joints(now, timeout)
-        return verdict_on_silence(late or self.configuration.arm.joint_names, timeout, waiting=False)
+        return verdict_on_silence(late or self.configuration.arm.joint_names, timeout,
+                                  waiting=not self._is_stale)
 
     def _lose_posture(self, verdict, now):
         self.positions = self._unknown

@@ -18,6 +18,7 @@ from kinopt_ros.kinetostatics.planar_subchain import ChainJoint, planar_subchain
 MAX_CHARACTERS = 4_000_000
 MAX_DEPTH = 100
 MAX_LINKS_AND_JOINTS = 10_000
+MAX_VALUE_CHARACTERS = 1_000
 
 # What is read of a joint, and of which attributes; the rest is left out.
 _ATTRIBUTES = {
@@ -155,9 +156,8 @@ class _Reducer:
         if tag != 'robot':
             raise ValueError(f'robot description: the root element is <{_shortened(tag)}>, must '
                              'be <robot>')
-        kept = _only(attributes, ('name', 'version'))
         # Its name is of no importance here, but the parser insists.
-        self.root = ElementTree.Element('robot', {'name': '', **kept})
+        self.root = ElementTree.Element('robot', {'name': '', **_only(attributes, ('version',))})
 
     def _start_part(self, tag, attributes):
         if len(self.root) >= MAX_LINKS_AND_JOINTS:
@@ -165,17 +165,16 @@ class _Reducer:
                              'joints')
         if not attributes.get('name'):
             raise ValueError(f'robot description: a <{tag}> has no name')
-        if attributes['name'] in self._names[tag]:
-            raise ValueError(f'robot description: two {tag}s are named '
-                             f"'{_shortened(attributes['name'])}'")
-        self._names[tag].add(attributes['name'])
-        kept = ('name', 'type') if tag == 'joint' else ('name',)
-        element = ElementTree.SubElement(self.root, tag, _only(attributes, kept))
+        kept = _only(attributes, ('name', 'type') if tag == 'joint' else ('name',))
+        if kept['name'] in self._names[tag]:
+            raise ValueError(f"robot description: two {tag}s are named '{kept['name']}'")
+        self._names[tag].add(kept['name'])
+        element = ElementTree.SubElement(self.root, tag, kept)
         if tag == 'joint':
             self._joint = element
 
     def _start_joint_child(self, tag, attributes):
-        name = _shortened(self._joint.get('name'))
+        name = self._joint.get('name')
         if self._joint.find(tag) is not None:
             raise ValueError(f"robot description: joint '{name}' has more than one <{tag}>")
         unknown = set(attributes).difference(_ATTRIBUTES[tag])
@@ -212,15 +211,14 @@ def _joints_by_child(links, joints):
     """Map each link to the joint that carries it, having checked that the joints form trees."""
     joint_to = {}
     for joint in joints:
-        name = _shortened(joint.name)
         for link in (joint.parent, joint.child):
             if link not in links:
-                raise ValueError(f"robot description: joint '{name}' refers to the link "
-                                 f"'{_shortened(link)}', which is not defined")
+                raise ValueError(f"robot description: joint '{joint.name}' refers to the link "
+                                 f"'{link}', which is not defined")
         if joint.child in joint_to:
             raise ValueError(
-                f"robot description: link '{_shortened(joint.child)}' has two parents, by the "
-                f"joints '{_shortened(joint_to[joint.child].name)}' and '{name}'")
+                f"robot description: link '{joint.child}' has two parents, by the joints "
+                f"'{joint_to[joint.child].name}' and '{joint.name}'")
         joint_to[joint.child] = joint
     return joint_to
 
@@ -232,7 +230,7 @@ def _path(joint_to, base_link, tip_link):
     while link != base_link:
         if link not in joint_to:
             raise ValueError(f"tip_link = '{tip_link}' is not below base_link = '{base_link}': "
-                             f"the way up ends at the link '{_shortened(link)}'")
+                             f"the way up ends at the link '{link}'")
         if len(path) == len(joint_to):
             raise ValueError(f"robot description: the joints above link '{tip_link}' form a loop")
         path.append(joint_to[link])
@@ -258,8 +256,8 @@ def _limits(joint):
     if joint.type not in ('revolute', 'prismatic'):
         return -math.inf, math.inf
     if joint.limit is None:
-        raise ValueError(f"robot description: {joint.type} joint '{_shortened(joint.name)}' has "
-                         'no <limit>, which URDF asks for')
+        raise ValueError(f"robot description: {joint.type} joint '{joint.name}' has no "
+                         '<limit>, which URDF asks for')
     return joint.limit.lower, joint.limit.upper
 
 
@@ -272,7 +270,13 @@ def _rotation_of_rpy(name, rpy):
 
 
 def _only(attributes, names):
-    return {name: attributes[name] for name in names if name in attributes}
+    """Attributes of these names, none of which may be too long for a message."""
+    kept = {name: attributes[name] for name in names if name in attributes}
+    for name, value in kept.items():
+        if len(value) > MAX_VALUE_CHARACTERS:
+            raise ValueError(f"robot description: an attribute '{name}' has {len(value)} "
+                             f'characters, must have at most {MAX_VALUE_CHARACTERS}')
+    return kept
 
 
 def _shortened(thing, length=200):

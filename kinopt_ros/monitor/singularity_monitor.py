@@ -9,18 +9,21 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import JointState
 from std_msgs.msg import (
-    Bool, Float64, Float64MultiArray, Header, MultiArrayDimension, MultiArrayLayout)
+    Bool, Float64, Float64MultiArray, Header, MultiArrayDimension, MultiArrayLayout, String)
 
-from kinopt_ros.monitor.diagnostics import diagnostic_array, InputRate
-from kinopt_ros.monitor.optimum_services import OptimumServices
-from kinopt_ros.monitor.parameters import MonitorParameters
+from kinopt_ros.monitor.described_arm import arm_parameters, DescribedArm
+from kinopt_ros.monitor.diagnostics import diagnostic_array, InputRate, key_values
+from kinopt_ros.monitor.marker_publisher import MarkerPublisher
+from kinopt_ros.monitor.optimum_services import LATCHED, OptimumServices
+from kinopt_ros.monitor.parameters import (
+    BEHAVIOUR_TABLE, declare, DESCRIPTION_TABLE, given_joint_names, MonitorParameters)
 from kinopt_ros.monitor.posture_monitor import PostureMonitor
 from kinopt_ros.monitor.process import run
+from kinopt_ros.monitor.verdict import verdict_without_arm
 
 # Deep enough that the parts of a split JointState do not overwrite each other, too shallow
 # for a lag; a late reading is worth nothing, so it is not sent again.
 JOINT_STATES_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
-
 
 # A clock that no pause of simulated time and no jump of the wall clock moves; unlike the
 # monotonic clock this one also counts the time for which the machine was suspended.
@@ -33,24 +36,31 @@ def steady_time():
 
 
 class SingularityMonitor(Node):
-    """Watch a planar arm's joint states and say how far it is from a singularity."""
+    """
+    Watch a planar arm's joint states and say how far it is from a singularity.
+
+    Where the arm comes from the topic robot_description, the watch begins with that message;
+    until then nothing is known, and that is what the diagnostics say.
+    """
 
     def __init__(self, **node_options):
         super().__init__('singularity_monitor', **node_options)
-        self._settings = MonitorParameters(self, self._on_configuration)
-        self._monitor = PostureMonitor(self._settings.configuration, steady_time())
-        self._input_rate = InputRate()
+        self._monitor = None
+        self._optimum = None
+        self._typed = None
         self._header = None
         self._published = None
+        self._input_rate = InputRate()
+        values = declare(self, (*DESCRIPTION_TABLE, *BEHAVIOUR_TABLE))
+        self._hardware_id = values['hardware_id']
         self._create_publishers()
-        self._create_timers()
-        self._optimum = OptimumServices(self, self._monitor)
-        self._optimum.announce()
-        self._typed = self._offer_typed_interfaces()
-        self.create_subscription(
-            JointState, 'joint_states', self._on_joint_state, JOINT_STATES_QOS,
-            qos_overriding_options=QoSOverridingOptions.with_default_policies())
-        self._log_configuration()
+        described_arm = DescribedArm.from_parameters(values, given_joint_names(self))
+        if described_arm is None:
+            self._start_monitoring()
+        elif values['robot_description']:
+            self._start_monitoring(described_arm.subchain(values['robot_description']))
+        else:
+            self._wait_for_description(described_arm)
 
     def _create_publishers(self):
         self._z = self.create_publisher(Float64, '~/z', 10)
@@ -59,6 +69,60 @@ class SingularityMonitor(Node):
         self._near_singularity = self.create_publisher(Bool, '~/near_singularity', 10)
         self._gradient = self.create_publisher(Float64MultiArray, '~/gradient', 10)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+
+    def _wait_for_description(self, described_arm):
+        self._verdict_without_arm = verdict_without_arm('waiting for robot_description')
+        self._steady_timer(1.0, self._publish_diagnostics)
+        self._publish(self._verdict_without_arm)
+        self._publish_diagnostics()
+
+        def on_description(message):
+            if self._monitor is not None:
+                self.get_logger().warning(
+                    'another robot_description has come; restart to have it used')
+                return
+            try:
+                subchain = described_arm.subchain(message.data)
+            except ValueError as error:
+                self._verdict_without_arm = verdict_without_arm(f'robot_description: {error}')
+                self.get_logger().error(self._verdict_without_arm.message)
+                self._publish_diagnostics()
+                return
+            self._start_monitoring(subchain)
+
+        self.create_subscription(String, 'robot_description', on_description, LATCHED)
+
+    def _start_monitoring(self, subchain=None):
+        self._settings = MonitorParameters(
+            self, self._on_configuration, arm_parameters(subchain) if subchain else None)
+        configuration = self._settings.configuration
+        self._monitor = PostureMonitor(configuration, steady_time())
+        self._watchdog = self._steady_timer(configuration.stale_timeout, self._on_watchdog)
+        self._heartbeat = self._steady_timer(
+            configuration.diagnostics_period or 1.0, self._on_heartbeat)
+        self._set_heartbeat(configuration)
+        self._optimum = OptimumServices(self, self._monitor)
+        self._optimum.announce()
+        self._typed = self._offer_typed_interfaces()
+        self._markers = MarkerPublisher(self, self._monitor, self._optimum, subchain)
+        self._subscribe()
+        self._log_configuration()
+        if subchain is not None and subchain.tip_movers:
+            self.get_logger().warning(
+                f'{", ".join(subchain.tip_movers)} would move the operation point; the index '
+                f'takes them to stand at {subchain.held_positions}')
+
+    def _subscribe(self):
+        try:
+            self.create_subscription(
+                JointState, 'joint_states', self._on_joint_state, JOINT_STATES_QOS,
+                qos_overriding_options=QoSOverridingOptions.with_default_policies())
+        except RuntimeError as error:
+            raise ValueError(f'parameters qos_overrides of joint_states: {error}') from error
+
+    def _steady_timer(self, period, callback):
+        return self.create_timer(
+            period, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def _offer_typed_interfaces(self):
         try:
@@ -70,16 +134,6 @@ class SingularityMonitor(Node):
             return None
         return TypedInterfaces(self, self._monitor, self._optimum)
 
-    def _create_timers(self):
-        configuration = self._settings.configuration
-        steady_clock = Clock(clock_type=ClockType.STEADY_TIME)
-        self._watchdog = self.create_timer(
-            configuration.stale_timeout, self._on_watchdog, clock=steady_clock)
-        self._heartbeat = self.create_timer(
-            configuration.diagnostics_period or 1.0, self._publish_diagnostics,
-            clock=steady_clock)
-        self._set_heartbeat(configuration)
-
     def _on_joint_state(self, message):
         now = steady_time()
         header = message.header
@@ -87,70 +141,89 @@ class SingularityMonitor(Node):
             message.name, message.position, now, message.velocity,
             header.stamp.sec + 1e-9 * header.stamp.nanosec)
         if verdict is None:
+            self._publish_news()
             return
         self._header = header
-        self._input_rate.tick(now)
-        self._publish(verdict, is_cycle=True)
+        if self._monitor.knows_posture:
+            self._input_rate.tick(now)
+        self._publish(verdict)
+        if self._settings.configuration.diagnostics_period == 0.0:
+            self._publish_diagnostics()
+        else:
+            self._publish_news()
 
     def _on_watchdog(self):
         verdict = self._monitor.on_time(steady_time())
         if verdict is not None:
-            self._publish(verdict, is_cycle=False)
+            self._input_rate.forget()
+            self._publish(verdict)
+        self._publish_news()
         # The next look is due exactly when the posture would become stale.
         timeout = self._settings.configuration.stale_timeout
         remaining = self._monitor.time_to_stale(steady_time())
-        self._set_period(self._watchdog, remaining if remaining > 0.0 else timeout)
+        _set_period(self._watchdog, remaining if remaining > 0.0 else timeout)
 
-    def _publish(self, verdict, is_cycle):
+    def _on_heartbeat(self):
+        # After a long pause of the process both timers are due, in no certain order.
+        self._on_watchdog()
+        self._publish_diagnostics()
+
+    def _publish(self, verdict):
         self._z.publish(Float64(data=verdict.index.z))
         self._conditioning_length.publish(Float64(data=verdict.index.conditioning_length))
         self._margin.publish(Float64(data=verdict.index.margin))
         self._near_singularity.publish(Bool(data=verdict.near_singularity))
+        if self._monitor is None:
+            return
         if self._gradient.get_subscription_count() > 0:
             self._gradient.publish(_gradient_message(self._monitor.gradient()))
         if self._typed is not None:
             self._typed.publish_state(self._header or Header())
-        each_cycle = is_cycle and self._settings.configuration.diagnostics_period == 0.0
-        if each_cycle or (verdict.level, verdict.reason) != self._published:
+        self._markers.publish(self._header or Header(), steady_time())
+
+    def _publish_news(self):
+        """Publish the diagnostics at once when the level or its reason is another."""
+        verdict = self._monitor.verdict
+        if (verdict.level, verdict.reason) != self._published:
             self._publish_diagnostics()
 
     def _publish_diagnostics(self):
-        verdict = self._monitor.verdict
+        if self._monitor is None:
+            verdict, values = self._verdict_without_arm, ()
+        else:
+            verdict = self._monitor.verdict
+            values = key_values(self._monitor, self._input_rate.per_second(steady_time()))
         self._published = (verdict.level, verdict.reason)
         stamp = self._header.stamp if self._header else self.get_clock().now().to_msg()
         self._diagnostics.publish(diagnostic_array(
-            self._monitor, self.get_fully_qualified_name(),
-            self._input_rate.per_second(steady_time()), stamp))
+            verdict, values, self.get_fully_qualified_name(), self._hardware_id, stamp))
 
     def _on_configuration(self, configuration):
-        self._monitor.configuration = configuration
+        self._monitor.configure(configuration, steady_time())
         self._set_heartbeat(configuration)
         self._on_watchdog()
         self._optimum.announce()
 
-    def destroy_node(self):
-        """End the solver, then what belongs to the node."""
-        self._optimum.close()
-        super().destroy_node()
-
     def _set_heartbeat(self, configuration):
-        if configuration.diagnostics_period == 0.0:
+        period = configuration.diagnostics_period
+        if period == 0.0:
             self._heartbeat.cancel()
         elif self._heartbeat.is_canceled() or (
-                self._heartbeat.timer_period_ns != _nanoseconds(configuration.diagnostics_period)):
-            self._set_period(self._heartbeat, configuration.diagnostics_period)
-
-    def _set_period(self, timer, period):
-        timer.timer_period_ns = _nanoseconds(period)
-        timer.reset()
+                self._heartbeat.timer_period_ns != _nanoseconds(period)):
+            _set_period(self._heartbeat, period)
 
     def _log_configuration(self):
-        configuration = self._settings.configuration
-        thresholds = configuration.thresholds
+        arm, thresholds = self._settings.configuration.arm, self._settings.configuration.thresholds
         self.get_logger().info(
-            f'monitoring {", ".join(configuration.arm.joint_names)} with link lengths '
-            f'{", ".join(f"{a:g}" for a in configuration.arm.planar_arm.link_lengths)} m; flag at '
+            f'monitoring {", ".join(arm.joint_names)} with link lengths '
+            f'{", ".join(f"{a:g}" for a in arm.planar_arm.link_lengths)} m; flag at '
             f'z > {thresholds.z_max:g} or margin < {thresholds.margin_min:g}')
+
+    def destroy_node(self):
+        """End the solver, then what belongs to the node."""
+        if self._optimum is not None:
+            self._optimum.close()
+        super().destroy_node()
 
 
 def _gradient_message(gradient):
@@ -159,6 +232,11 @@ def _gradient_message(gradient):
     dimension = MultiArrayDimension(
         label='dz/dtheta (1/rad), by joint_names', size=len(values), stride=len(values))
     return Float64MultiArray(layout=MultiArrayLayout(dim=[dimension]), data=values)
+
+
+def _set_period(timer, period):
+    timer.timer_period_ns = _nanoseconds(period)
+    timer.reset()
 
 
 def _nanoseconds(seconds):

@@ -217,6 +217,11 @@ def verdict_on_silence(late_joints, timeout, waiting):
     return Verdict(Level.STALE, (waiting, *late_joints), message, True)
 
 
+def verdict_without_arm(message):
+    """Verdict while the arm itself is not known."""
+    return Verdict(Level.STALE, (message,), message, True)
+
+
 _CAUSE_TEXTS = {
     ('z_max', True): 'z {index.z:.6g} above z_max {thresholds.z_max:g}',
     ('margin_min', True): 'margin {index.margin:.6g} below margin_min {thresholds.margin_min:g}',

@@ -41,9 +41,10 @@ def _draw_line(axes, t, values, flag, label, threshold, threshold_name):
                  label='threshold' if label == 'index z' else None)
     axes.annotate(f'{threshold_name} = {threshold:g}', (0.0, threshold), (4, 3),
                   xycoords=('axes fraction', 'data'), textcoords='offset points',
+                  bbox={'facecolor': 'white', 'edgecolor': 'none', 'alpha': 0.8, 'pad': 1.0},
                   color='#555555', fontsize=9)
     axes.fill_between(t, 0.0, 1.0, where=flag, transform=axes.get_xaxis_transform(),
-                      color=ORANGE, alpha=0.3, linewidth=0.0,
+                      step='post', color=ORANGE, alpha=0.3, linewidth=0.0,
                       label='flag: near singularity' if label == 'index z' else None)
     axes.set_ylim(-0.03, 1.03)
     axes.set_ylabel(label)

@@ -1,0 +1,50 @@
+"""The topic of the markers: how often, in which frame, and only for somebody."""
+
+import math
+
+from geometry_msgs.msg import Pose
+from std_msgs.msg import Header
+from visualization_msgs.msg import MarkerArray
+
+from kinopt_ros.monitor.markers import marker_array, plane_pose_of
+
+
+class MarkerPublisher:
+    """
+    Publish `~/markers` on a node.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+    monitor : PostureMonitor
+    optimum : OptimumServices
+        Knows the radius of the conditioning circle.
+    subchain : PlanarSubchain or None
+        Tells frame and plane where the arm comes from a robot description.
+    """
+
+    def __init__(self, node, monitor, optimum, subchain):
+        self._monitor = monitor
+        self._optimum = optimum
+        self._frame, self._pose = 'base_link', Pose()
+        if subchain is not None:
+            self._frame = subchain.parent_link
+            self._pose = plane_pose_of(subchain.plane_frame_in_parent)
+        self._last = -math.inf
+        self._publisher = node.create_publisher(MarkerArray, '~/markers', 10)
+
+    def publish(self, header, now):
+        """Publish the latest verdict, if somebody listens and the rate permits."""
+        if self._publisher.get_subscription_count() == 0:
+            return
+        configuration = self._monitor.configuration
+        # A posture that was lost is shown at once.
+        if self._monitor.knows_posture and now - self._last < 1.0 / configuration.marker_rate:
+            return
+        self._last = now
+        frame, pose = self._frame, self._pose
+        if configuration.base_frame:
+            frame, pose = configuration.base_frame, Pose()
+        self._publisher.publish(marker_array(
+            self._monitor, Header(stamp=header.stamp, frame_id=frame), pose,
+            self._optimum.circle_radius))

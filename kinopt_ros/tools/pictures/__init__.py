@@ -1,0 +1,1 @@
+"""Pictures of arms, their index and their isotropic sets, drawn with matplotlib."""
