@@ -185,7 +185,7 @@ def checked_link_lengths(link_lengths):
     """
     try:
         lengths = np.asarray(link_lengths, dtype=float)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise ValueError(f'link_lengths = {link_lengths!r}: must be real numbers') from error
     if lengths.ndim != 1 or lengths.size < MIN_JOINTS:
         raise ValueError(f'link_lengths has shape {lengths.shape}: must hold n >= {MIN_JOINTS} '
@@ -208,7 +208,7 @@ def checked_joint_angles(joint_angles, n_joints):
     """
     try:
         angles = np.asarray(joint_angles, dtype=float)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise ValueError(f'joint_angles = {joint_angles!r}: must be real numbers') from error
     if angles.ndim < 1 or angles.shape[-1] != n_joints:
         raise ValueError(f'joint_angles has shape {angles.shape}: the last axis must hold '

@@ -56,11 +56,11 @@ ARM_TABLE = (
     ParameterRow(
         'link_lengths', _DOUBLES, None,
         'Link lengths in m, base to tip; the last ends at the operation point.',
-        'Required; one per joint, finite and > 0.'),
+        'Required; one per joint, finite and > 0 (1e-50 to 1e50).'),
     ParameterRow(
         'joint_offsets', _DOUBLES, lambda n, _: [0.0] * n,
         'Offsets in rad: theta_i = direction_i * position_i + offset_i.',
-        'One per joint, finite.'),
+        'One per joint, within +-1e6.'),
     ParameterRow(
         'joint_directions', Parameter.Type.INTEGER_ARRAY, lambda n, _: [1] * n,
         'Directions: theta_i = direction_i * position_i + offset_i.',

@@ -12,6 +12,10 @@ from kinopt_ros.monitor import signals
 _LONGEST_SLEEP = 0.5
 
 
+class StartError(Exception):
+    """What the user gave a node to start with is bad; the message is one line for people."""
+
+
 def make_executor():
     """Give the executor that this project's executables spin."""
     return SingleThreadedExecutor()
@@ -38,19 +42,19 @@ def run(make_node, args=None):
     node = executor = None
     try:
         _initialize(args)
-        if not interruptions:
-            node = make_node()
-            executor = make_executor()
-            executor.add_node(node)
-            _spin(executor)
+        node = _make(make_node)
+        executor = make_executor()
+        executor.add_node(node)
+        _spin(executor)
     except ExternalShutdownException:
         pass
-    except (ValueError, ParameterException) as error:
-        print(f'error: {error}', file=sys.stderr)
-        return 1
+    except StartError as error:
+        if not interruptions:
+            print(f'error: {error}', file=sys.stderr)
+            return 1
     except Exception:
         # On the way out rclpy raises all sorts of errors about a context that is gone.
-        if not interruptions:
+        if rclpy.ok():
             raise
     finally:
         _tear_down(node, executor)
@@ -62,7 +66,16 @@ def _initialize(args):
         rclpy.init(args=args)
     except Exception as error:
         # Of a bad command line or parameter file: only the first line is meant for people.
-        raise ValueError(str(error).split(', at ')[0]) from error
+        raise StartError(str(error).split(', at ')[0]) from error
+
+
+def _make(make_node):
+    try:
+        return make_node()
+    except (ValueError, ParameterException) as error:
+        if rclpy.ok():
+            raise StartError(str(error)) from error
+        raise
 
 
 def _spin(executor):

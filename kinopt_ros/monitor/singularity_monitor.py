@@ -6,7 +6,8 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.qos_overriding_options import (
+    InvalidQosOverridesError, QosCallbackResult, QoSOverridingOptions)
 from sensor_msgs.msg import JointState
 from std_msgs.msg import (
     Bool, Float64, Float64MultiArray, Header, MultiArrayDimension, MultiArrayLayout, String)
@@ -18,7 +19,7 @@ from kinopt_ros.monitor.optimum_services import LATCHED, OptimumServices
 from kinopt_ros.monitor.parameters import (
     BEHAVIOUR_TABLE, declare, DESCRIPTION_TABLE, given_joint_names, MonitorParameters)
 from kinopt_ros.monitor.posture_monitor import PostureMonitor
-from kinopt_ros.monitor.process import run
+from kinopt_ros.monitor.process import run, StartError
 from kinopt_ros.monitor.verdict import verdict_without_arm
 
 # Deep enough that the parts of a split JointState do not overwrite each other, too shallow
@@ -88,7 +89,10 @@ class SingularityMonitor(Node):
                 self.get_logger().error(self._verdict_without_arm.message)
                 self._publish_diagnostics()
                 return
-            self._start_monitoring(subchain)
+            try:
+                self._start_monitoring(subchain)
+            except ValueError as error:
+                raise StartError(str(error)) from error
 
         self.create_subscription(String, 'robot_description', on_description, LATCHED)
 
@@ -116,8 +120,9 @@ class SingularityMonitor(Node):
         try:
             self.create_subscription(
                 JointState, 'joint_states', self._on_joint_state, JOINT_STATES_QOS,
-                qos_overriding_options=QoSOverridingOptions.with_default_policies())
-        except RuntimeError as error:
+                qos_overriding_options=QoSOverridingOptions.with_default_policies(
+                    callback=_judge_qos))
+        except (InvalidQosOverridesError, RuntimeError) as error:
             raise ValueError(f'parameters qos_overrides of joint_states: {error}') from error
 
     def _steady_timer(self, period, callback):
@@ -224,6 +229,11 @@ class SingularityMonitor(Node):
         if self._optimum is not None:
             self._optimum.close()
         super().destroy_node()
+
+
+def _judge_qos(profile):
+    return QosCallbackResult(
+        successful=profile.depth > 0, reason=f'depth = {profile.depth}: must be above 0')
 
 
 def _gradient_message(gradient):
