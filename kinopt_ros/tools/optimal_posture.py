@@ -27,7 +27,7 @@ def main(args=None):
     """
     arguments = sys.argv[1:] if args is None else list(args)
     parser = _parser()
-    options = parser.parse_args(list(map(_shown_number, _without_ros_arguments(arguments))))
+    options = parser.parse_args(list(map(_shown_number, arguments)))
     try:
         posture = optimal_posture(
             options.link_lengths, options.lower, options.upper, options.reference)
@@ -57,16 +57,6 @@ def _parser():
                                         'it is given')):
         parser.add_argument(f'--{name}', nargs='+', type=float, metavar='ANGLE', help=meaning)
     return parser
-
-
-def _without_ros_arguments(arguments):
-    """Drop what a launch file appends for ROS; nothing of it concerns this program."""
-    if '--ros-args' not in arguments:
-        return arguments
-    start = arguments.index('--ros-args')
-    rest = arguments[start:]
-    end = start + rest.index('--') + 1 if '--' in rest else len(arguments)
-    return arguments[:start] + arguments[end:]
 
 
 def _shown_number(argument):
