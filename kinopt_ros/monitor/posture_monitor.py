@@ -12,6 +12,13 @@ from kinopt_ros.monitor.verdict import (
     Level, ProximityFlag, verdict_on_bad_message, verdict_on_index, verdict_on_silence)
 
 
+# The monitor looks at the clock at least once per stale_timeout. When it comes later than this
+# (s), its process did not run meanwhile: it was stopped, or the machine was suspended.
+PAUSE_SLACK = 0.05
+# For so long (s) after such a pause messages may be met that had waited in the queues.
+SETTLING_TIME = 0.1
+
+
 class PostureMonitor:
     """
     Judge each posture of an arm, and its absence.
@@ -48,10 +55,12 @@ class PostureMonitor:
         self._quiet_since = now
         self._is_stale = False
         self._stale_since_posture = False
+        self._pause = _Pause()
         self.verdict = self._verdict_on_silence(now)
 
     def configure(self, configuration, now):
         """Go on with another configuration of the same joints; what is known is judged again."""
+        self._pause.ends(now, self.configuration.stale_timeout)
         self.configuration = configuration
         if self.knows_posture:
             self._judge(self.positions, now)
@@ -77,6 +86,10 @@ class PostureMonitor:
             None if the message does not concern the arm or completes no posture.
         """
         configuration = self.configuration
+        if self._pause.ends(now, configuration.stale_timeout):
+            return None if self._is_stale else self._become_stale(now)
+        if self._pause.may_predate(stamp, now):
+            return None
         try:
             posture = self._assembler.update(
                 names, positions, now, configuration.stale_timeout, velocities)
@@ -94,15 +107,16 @@ class PostureMonitor:
         self._quiet_since = now
         self._is_stale = self._stale_since_posture = False
         self._history.add(stamp, posture)
+        self._pause.last_stamp = stamp
         return self._judge(posture, now)
 
     def on_time(self, now):
         """Give a verdict when the posture has just become stale, None otherwise."""
+        self._pause.ends(now, self.configuration.stale_timeout)
         if self._is_stale or self.time_to_stale(now) > 0.0:
             self._name_late_joints(now)
             return None
-        self._is_stale = self._stale_since_posture = True
-        return self._lose_posture(self._verdict_on_silence(now), now)
+        return self._become_stale(now)
 
     def time_to_stale(self, now):
         """Time in s until the posture becomes stale unless another one comes."""
@@ -168,6 +182,10 @@ class PostureMonitor:
         return verdict_on_silence(late or self.configuration.arm.joint_names, timeout,
                                   waiting=not self._is_stale)
 
+    def _become_stale(self, now):
+        self._is_stale = self._stale_since_posture = True
+        return self._lose_posture(self._verdict_on_silence(now), now)
+
     def _lose_posture(self, verdict, now):
         self.positions = self._unknown
         self._history.clear()
@@ -175,3 +193,38 @@ class PostureMonitor:
         self._flag.raise_at(now)
         self.verdict = verdict
         return verdict
+
+
+class _Pause:
+    """
+    A pause of the whole process, and the messages that had waited for its end.
+
+    Attributes
+    ----------
+    last_stamp : float
+        Stamp in s of the latest accepted message.
+    """
+
+    def __init__(self):
+        self.last_stamp = 0.0
+        self._last_look = math.inf
+        self._length = 0.0
+        self._settled_at = -math.inf
+
+    def ends(self, now, stale_timeout):
+        """Look at the clock; tell whether the process has just come out of a pause."""
+        length = now - self._last_look
+        self._last_look = now
+        if length <= stale_timeout + PAUSE_SLACK:
+            return False
+        self._length = length
+        self._settled_at = now + SETTLING_TIME
+        return True
+
+    def may_predate(self, stamp, now):
+        """
+        Tell whether a message may have been sent before the end of the pause.
+
+        Not once things have settled, nor if its publisher's stamps went on as the pause did.
+        """
+        return now < self._settled_at and not stamp - self.last_stamp > 0.5 * self._length

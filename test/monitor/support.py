@@ -5,16 +5,22 @@ import time
 from typing import NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray
-from kinopt_ros.monitor.parameters import MONITOR_TABLE
-from kinopt_ros.monitor.singularity_monitor import SingularityMonitor
 import numpy as np
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.srv import (
-    DescribeParameters, GetParameters, ListParameters, SetParameters, SetParametersAtomically)
+    DescribeParameters,
+    GetParameters,
+    ListParameters,
+    SetParameters,
+    SetParametersAtomically,
+)
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Float64
+
+from kinopt_ros.monitor.parameters import MONITOR_TABLE
+from kinopt_ros.monitor.singularity_monitor import SingularityMonitor
 
 DEADLINE = 10.0
 NAMES = ['shoulder', 'elbow', 'wrist']

@@ -3,8 +3,17 @@
 import math
 
 import pytest
+from sensor_msgs.msg import JointState
 from support import (
-    assert_numbers, assert_unknown, expected_numbers, ISOTROPIC, LENGTHS, NAMES, REGULAR)
+    assert_numbers,
+    assert_unknown,
+    expected_numbers,
+    ISOTROPIC,
+    LENGTHS,
+    NAMES,
+    REGULAR,
+    STRETCHED,
+)
 
 OK, WARN, ERROR, STALE = range(4)
 NAN, INF = math.nan, math.inf
@@ -68,7 +77,6 @@ def test_reasons_tell_the_rules_apart(bench):
 
 
 def test_velocities_and_efforts_do_not_matter(bench):
-    from sensor_msgs.msg import JointState
     bench.publisher.publish(JointState(
         name=NAMES, position=REGULAR, velocity=[NAN], effort=[INF, NAN, 0.0, 1.0]))
     numbers, _ = bench.next_cycle(0)
@@ -115,3 +123,33 @@ def test_many_joints_and_odd_names(bench):
     names = [f'joint_{i}' for i in range(2000)] + ['', 'ж', 'x' * 10000] + NAMES
     numbers, _ = bench.cycle([0.5] * 2003 + REGULAR, names)
     assert_numbers(numbers, expected_numbers(LENGTHS, REGULAR))
+
+
+def test_timers_survive_every_bad_message(make_bench):
+    bench = make_bench({'diagnostics_period': 0.05, 'stale_timeout': 0.3})
+    for names, positions, _ in BAD.values():
+        bench.send(positions, names)
+        bench.linger(0.01)
+    bench.publisher.publish(b'\x00\x01\x00\x00' + b'\xff' * 40)
+    bench.cycle(REGULAR)
+    heard = len(bench.diagnostics)
+    bench.wait(lambda: len(bench.diagnostics) > heard + 3, 'periodic diagnostics')
+    bench.wait_for_level(STALE, since=heard)
+
+
+@pytest.mark.parametrize('positions', [ISOTROPIC, STRETCHED, [0.0, math.pi, math.pi]])
+def test_odd_velocities_and_stamps_do_not_disturb(make_bench, positions):
+    bench = make_bench({'diagnostics_period': 0.0})
+    velocities = [[], [0.0] * 3, [1e308] * 3, [-1e308, 1e308, 0.0], [NAN] * 3, [INF, 0.0, -INF],
+                  [1.0], [0.0] * 7]
+    stamps = [(0, 0), (0, 0), (2**31 - 1, 999_999_999), (-5, 0), (7, 0)]
+    for count, velocity in enumerate(velocities * 2):
+        sec, nanosec = stamps[count % len(stamps)]
+        message = JointState(name=NAMES, position=positions, velocity=velocity)
+        message.header.stamp.sec, message.header.stamp.nanosec = sec, nanosec
+        bench.publisher.publish(message)
+        numbers, _ = bench.next_cycle(count)
+        assert_numbers(numbers, expected_numbers(LENGTHS, positions))
+        bench.wait(lambda count=count: len(bench.diagnostics) > count, 'diagnostics')
+        stamp = bench.diagnostics[count].header.stamp
+        assert (stamp.sec, stamp.nanosec) == (sec, nanosec)

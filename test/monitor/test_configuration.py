@@ -2,9 +2,10 @@
 
 import math
 
-from kinopt_ros.monitor.configuration import Configuration
 import pytest
 from support import parameter_values
+
+from kinopt_ros.monitor.configuration import Configuration
 
 
 def configuration(**changes):

@@ -3,8 +3,7 @@
 import math
 
 import pytest
-from rcl_interfaces.msg import Parameter as ParameterMessage
-from rcl_interfaces.msg import ParameterType, ParameterValue
+from rcl_interfaces.msg import Parameter as ParameterMessage, ParameterType, ParameterValue
 from rclpy.parameter import Parameter
 from support import assert_numbers, expected_numbers, ISOTROPIC, LENGTHS, NAMES, REGULAR
 

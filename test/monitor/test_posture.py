@@ -2,13 +2,14 @@
 
 import math
 
+import numpy as np
+import pytest
+from support import parameter_values
+
 from kinopt_ros.monitor.configuration import Configuration
 from kinopt_ros.monitor.posture import BadJointStateError, PostureAssembler
 from kinopt_ros.monitor.posture_monitor import PostureMonitor
 from kinopt_ros.monitor.verdict import Level
-import numpy as np
-import pytest
-from support import parameter_values
 
 NAMES = ('a', 'b', 'c')
 TIMEOUT = 0.5

@@ -17,18 +17,14 @@ EXECUTABLE = Path(sys.executable).parent / 'singularity_monitor'
 ARM = ['-p', f'joint_names:=[{", ".join(NAMES)}]',
        '-p', f'link_lengths:=[{", ".join(map(repr, LENGTHS))}]']
 
-pytestmark = pytest.mark.skipif(
-    not EXECUTABLE.exists(), reason='the package is not installed beside this interpreter')
-
 
 class Process:
     """The executable in a process group of its own."""
 
-    def __init__(self, *arguments, environment=None):
+    def __init__(self, *arguments):
         self.popen = subprocess.Popen(
             [EXECUTABLE, '--ros-args', *arguments], text=True, start_new_session=True,
-            stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-            env={**os.environ, **(environment or {})})
+            stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
 
     def end(self):
         """Wait for its end; give status, standard output and standard error."""
@@ -54,10 +50,12 @@ class Process:
 @pytest.fixture
 def start():
     """Give a factory of processes that all end with the test."""
+    if not EXECUTABLE.exists():
+        pytest.skip(f'the package is not installed beside this interpreter: no {EXECUTABLE}')
     processes = []
 
-    def make(*arguments, **options):
-        processes.append(Process(*arguments, **options))
+    def make(*arguments):
+        processes.append(Process(*arguments))
         return processes[-1]
 
     yield make

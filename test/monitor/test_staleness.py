@@ -8,7 +8,14 @@ import pytest
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 from support import (
-    assert_numbers, assert_unknown, expected_numbers, ISOTROPIC, LENGTHS, NAMES, REGULAR)
+    assert_numbers,
+    assert_unknown,
+    expected_numbers,
+    ISOTROPIC,
+    LENGTHS,
+    NAMES,
+    REGULAR,
+)
 
 OK, WARN, ERROR, STALE = range(4)
 # Short for a test's patience, long for a busy machine's scheduler.

@@ -4,11 +4,9 @@ import math
 
 import numpy as np
 import pytest
-from rclpy.qos import (
-    DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy)
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
-from support import (
-    assert_numbers, expected_numbers, ISOTROPIC, LENGTHS, NAMES, REGULAR, STRETCHED)
+from support import assert_numbers, expected_numbers, ISOTROPIC, LENGTHS, NAMES, REGULAR, STRETCHED
 
 PUBLISHED = {
     'z': 'std_msgs/msg/Float64',

@@ -3,13 +3,19 @@
 import itertools
 import math
 
+import numpy as np
+import pytest
+
 from kinopt_ros.kinetostatics.index import KinetostaticIndex
 from kinopt_ros.monitor.posture import BadJointStateError
 from kinopt_ros.monitor.verdict import (
-    Level, ProximityFlag, Thresholds, verdict_on_bad_message, verdict_on_index,
-    verdict_on_silence)
-import numpy as np
-import pytest
+    Level,
+    ProximityFlag,
+    Thresholds,
+    verdict_on_bad_message,
+    verdict_on_index,
+    verdict_on_silence,
+)
 
 
 def index(z, margin):
