@@ -9,7 +9,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from kinopt_ros.kinetostatics.gradient import IndexGradient
 from kinopt_ros.kinetostatics.index import kinetostatic_index
 from kinopt_ros.kinetostatics.isotropic_chains import checked_numbering
 from kinopt_ros.kinetostatics.isotropic_sets import regular_polygon
@@ -17,9 +16,6 @@ from kinopt_ros.kinetostatics.planar_arm import links_from_tip, unit_vectors
 
 # Largest error, relative to n, of the sums that define a model set: K may be typed by hand.
 _MODEL_SET_TOLERANCE = 1e-6
-
-# Step in rad of central differences: error and rounding are about equal.
-_DIFFERENCE = 1e-5
 
 # Postures per block of a batch.
 _BLOCK = 8192
@@ -105,41 +101,6 @@ def index_against(arm, joint_angles, model_set, mirror=False):
     # s2 does not depend on the model set, so that margin l_P is the same for all of them.
     margin = closest.margin * closest.conditioning_length / length
     return ModelSetIndex(z, length, margin, alpha, mirrored)
-
-
-def gradient_against(arm, joint_angles, model_set, mirror=False):
-    """
-    Gradients of z and of the margin against a given model set at one posture.
-
-    By central differences, good to about 1e-9: against one set z is smooth wherever l_P is
-    finite.
-
-    Parameters
-    ----------
-    arm : PlanarArm
-    joint_angles : sequence of float, shape (n,)
-        Relative joint angles in rad.
-    model_set : array-like, complex, shape (n,)
-    mirror : bool
-        As for `index_against`.
-
-    Returns
-    -------
-    gradient : IndexGradient
-        By theta_1 ... theta_n in 1/rad; the first components are 0.
-
-    Raises
-    ------
-    ValueError
-        As `index_against`.
-    """
-    n = arm.n_joints
-    steps = _DIFFERENCE * np.eye(n)[1:]
-    postures = np.asarray(joint_angles, dtype=float) + np.concatenate([steps, -steps])
-    index = index_against(arm, postures, model_set, mirror)
-    return IndexGradient(*(
-        np.concatenate([[0.0], (values[:n - 1] - values[n - 1:]) / (2.0 * _DIFFERENCE)])
-        for values in (index.z, index.margin)))
 
 
 def model_polygon(n, numbering=None):

@@ -10,8 +10,9 @@ import math
 import numpy as np
 
 from kinopt_ros.kinetostatics.gradient import index_gradient, IndexGradient
+from kinopt_ros.kinetostatics.gradient_against import gradient_against
 from kinopt_ros.kinetostatics.index import kinetostatic_index
-from kinopt_ros.kinetostatics.model_set import gradient_against, index_against, model_polygon
+from kinopt_ros.kinetostatics.model_set import index_against, model_polygon
 from kinopt_ros.kinetostatics.planar_arm import MIN_JOINTS, PlanarArm
 from kinopt_ros.kinetostatics.singular_postures import z_crit
 from kinopt_ros.monitor.verdict import Thresholds

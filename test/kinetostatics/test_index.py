@@ -2,12 +2,13 @@
 
 import math
 
-from kinopt_ros.kinetostatics.index import kinetostatic_index
-from kinopt_ros.kinetostatics.planar_arm import PlanarArm
 import mpmath
 import numpy as np
 import pytest
 from scipy.optimize import minimize
+
+from kinopt_ros.kinetostatics.index import kinetostatic_index
+from kinopt_ros.kinetostatics.planar_arm import PlanarArm
 
 SQRT3 = math.sqrt(3.0)
 ISOTROPIC_ARM = PlanarArm((1.0, 1.0, SQRT3 / 3.0))

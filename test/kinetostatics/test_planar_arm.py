@@ -3,9 +3,10 @@
 import math
 import pickle
 
-from kinopt_ros.kinetostatics.planar_arm import PlanarArm
 import numpy as np
 import pytest
+
+from kinopt_ros.kinetostatics.planar_arm import PlanarArm
 
 
 def tip_and_heading(lengths, angles):

@@ -8,7 +8,7 @@ import numpy as np
 from kinopt_ros.kinetostatics.isotropic_sets import centroid
 from kinopt_ros.kinetostatics.planar_arm import PlanarArm
 from kinopt_ros.tools.pictures.postures import draw_arm
-from kinopt_ros.tools.pictures.style import fit as fit_axes, GREY, new_figure, plane_axes
+from kinopt_ros.tools.pictures.style import fit, GREY, new_figure, plane_axes
 
 _PER_ROW = 3
 # Letters above a panel; longer titles are broken.
@@ -49,6 +49,6 @@ def _draw_chain(axes, chain):
     axes.plot(outline.real, outline.imag, ':', color=GREY, linewidth=1.5, zorder=1)
     draw_arm(axes, arm, chain.joint_angles)
     plane_axes(axes, ticks=3)
-    fit_axes(axes, outline, margin=0.15)
+    fit(axes, outline, margin=0.15)
     lengths = ', '.join(f'{length:.3g}' for length in chain.link_lengths)
     axes.set_title(fill(f'a = {lengths} m', _TITLE_WIDTH), fontsize=10)

@@ -30,7 +30,8 @@ def isocontours_figure(arm, posture, joints=(2, 3), z_max=0.9, margin_min=0.05, 
     figure = new_figure(7.4)
     axes = figure.subplots()
     # The first angle runs along the first axis of the grid, and along x.
-    _fill(figure, axes, x, y, grid.index.z)
+    filled = axes.contourf(x, y, grid.index.z.T, _FILL_LEVELS, cmap=COLORMAP)
+    figure.colorbar(filled, ax=axes, label='z [-]', ticks=_FILL_LEVELS[::2], shrink=0.85)
     lines = axes.contour(x, y, grid.index.z.T, _LINE_LEVELS, colors=_LINE_COLORS, linewidths=1.0)
     axes.clabel(lines, fmt='%.1f', fontsize=9)
     handles = [_draw_flagged(axes, x, y, grid.index, z_max, margin_min)]
@@ -60,7 +61,8 @@ def neighbourhood_figure(arm, posture, joints=(2, 3), z_height=0.25, samples=241
     check_joints(joints, arm.n_joints)
     hessian = _hessian_of_slice(arm, posture, joints)
     # As far as the second-order expansion of z reaches z_height above the optimum, and more.
-    half_widths = 1.5 * np.sqrt(2.0 * z_height * np.diag(np.linalg.inv(hessian)))
+    half_widths = np.minimum(
+        1.5 * np.sqrt(2.0 * z_height * np.diag(np.linalg.inv(hessian))), math.pi)
     centre = np.array([posture[joint - 1] for joint in joints])
     ranges = np.transpose([centre - half_widths, centre + half_widths])
     grid = index_over_grid(arm, samples, joints, posture, *ranges)
@@ -100,16 +102,11 @@ def surface_figure(arm, posture, joints=(2, 3), samples=145):
     axes.xaxis.labelpad = axes.yaxis.labelpad = 12
     axes.set_zlim(0.0, 1.0)
     axes.set_zlabel('z [-]')
-    axes.set_box_aspect((1.0, 1.0, 0.6))
+    axes.set_box_aspect((1.0, 1.0, 0.6), zoom=0.86)
     figure.colorbar(surface, ax=axes, label='z [-]', shrink=0.7)
     axes.set_title(f'z over the conditioning joints, links {_lengths(arm)} m'
                    + _held(arm.n_joints, joints, posture))
     return figure
-
-
-def _fill(figure, axes, x, y, z):
-    filled = axes.contourf(x, y, z.T, _FILL_LEVELS, cmap=COLORMAP)
-    figure.colorbar(filled, ax=axes, label='z [-]', ticks=np.linspace(0.0, 1.0, 11), shrink=0.85)
 
 
 def _draw_flagged(axes, x, y, index, z_max, margin_min):

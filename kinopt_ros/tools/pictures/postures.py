@@ -7,9 +7,8 @@ import numpy as np
 from kinopt_ros.kinetostatics.index import kinetostatic_index
 from kinopt_ros.kinetostatics.model_set import closest_model_set
 from kinopt_ros.tools.pictures.style import (
-    BLACK, BLUE, fit, GREEN, GREY, HALO, legend_below, new_figure, ORANGE, plane_axes, RED)
-
-_CIRCLE = np.exp(1j * np.linspace(0.0, 2.0 * math.pi, 181))
+    BLACK, BLUE, CIRCLE, fit, GREEN, GREY, HALO, legend_below, new_figure, ORANGE, plane_axes,
+    RED)
 
 
 def posture_figure(arm, joint_angles):
@@ -18,7 +17,7 @@ def posture_figure(arm, joint_angles):
     axes = figure.subplots()
     index = kinetostatic_index(arm, joint_angles)
     joints, tip = joint_centres(arm, joint_angles)
-    circle = abs(tip) * _CIRCLE
+    circle = abs(tip) * CIRCLE
     axes.plot(circle.real, circle.imag, '--', color=GREY, linewidth=1.2, zorder=1,
               label=f'conditioning circle, radius {abs(tip):.3g} m')
     model = tip - index.conditioning_length * closest_model_set(arm, joint_angles)
@@ -71,11 +70,11 @@ def manipulator_figure(arm, joint_angles):
     return figure
 
 
-def draw_arm(axes, arm, joint_angles, color=BLUE, numbers=True, alpha=1.0):
-    """Draw links, numbered joints, base and operation point onto axes."""
+def draw_arm(axes, arm, joint_angles, numbers=True, alpha=1.0):
+    """Draw links, numbered joints and operation point onto axes."""
     joints, tip = joint_centres(arm, joint_angles)
     corners = np.append(joints, tip)
-    axes.plot(corners.real, corners.imag, '-', color=color, linewidth=5, alpha=0.55 * alpha,
+    axes.plot(corners.real, corners.imag, '-', color=BLUE, linewidth=5, alpha=0.55 * alpha,
               solid_capstyle='round', zorder=4)
     axes.plot(joints.real, joints.imag, 'o', markersize=15, markerfacecolor='white',
               markeredgecolor=BLACK, markeredgewidth=1.5, alpha=alpha, zorder=5)
@@ -104,7 +103,7 @@ def geometric_mean_figure(arm, joint_angles):
     figure = new_figure(4.4)
     axes = figure.subplots()
     diameter = length + projections
-    half_circle = diameter / 2.0 * (1.0 + _CIRCLE[:91])
+    half_circle = diameter / 2.0 * (1.0 + CIRCLE[:91])
     axes.plot(half_circle.real, half_circle.imag, color=GREY, linewidth=1)
     for start, end, color in [(0.0, length, BLUE), (length, diameter, GREEN)]:
         axes.plot([start, end], [0.0, 0.0], color=color, linewidth=4, solid_capstyle='butt')

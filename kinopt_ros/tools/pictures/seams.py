@@ -7,7 +7,8 @@ import numpy as np
 from kinopt_ros.kinetostatics.index import kinetostatic_index
 from kinopt_ros.kinetostatics.seam import place_seam
 from kinopt_ros.tools.pictures.postures import draw_arm
-from kinopt_ros.tools.pictures.style import BLUE, fit, GREY, legend_below, new_figure, plane_axes, RED
+from kinopt_ros.tools.pictures.style import (
+    CIRCLE, fit, GREY, legend_below, new_figure, plane_axes, RED)
 
 
 def seam_figure(arm, optimum, length, tool_angle):
@@ -35,14 +36,14 @@ def seam_figure(arm, optimum, length, tool_angle):
 
 
 def _draw_plane(axes, arm, optimum, length, placement):
-    circle = optimum.circle_radius * np.exp(1j * np.linspace(0.0, 2.0 * math.pi, 181))
+    circle = optimum.circle_radius * CIRCLE
     axes.plot(circle.real, circle.imag, '--', color=GREY, linewidth=1.2,
               label='conditioning circle')
     ends = placement.middle + 0.5 * length * np.array([-1.0, 1.0])
     axes.plot(ends.real, ends.imag, color=RED, linewidth=4, zorder=3, label='seam')
     drawn = placement.joint_angles[[0, len(placement.joint_angles) // 2, -1]]
     for angles, alpha in zip(drawn, (0.3, 1.0, 0.3)):
-        draw_arm(axes, arm, angles, color=BLUE, numbers=alpha == 1.0, alpha=alpha)
+        draw_arm(axes, arm, angles, numbers=alpha == 1.0, alpha=alpha)
     vectors = arm.operation_point_vectors(drawn)
     plane_axes(axes)
     fit(axes, np.concatenate([circle, (vectors[:, :1] - vectors).ravel(), ends]), margin=0.06)

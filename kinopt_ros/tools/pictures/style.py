@@ -1,8 +1,11 @@
 """What all pictures share: colours, sizes, figures and files."""
 
+import math
+
 import matplotlib
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
+import numpy as np
 
 # Okabe and Ito's colours, told apart with any colour vision.
 BLACK = '#000000'
@@ -11,12 +14,14 @@ GREEN = '#009E73'
 GREY = '#767676'
 ORANGE = '#E69F00'
 RED = '#D55E00'
-SKY = '#56B4E9'
 
 COLORMAP = 'cividis'
 
 # A figure is 8 inches wide, shown at 800 pixels: 100 pixels per inch on the page.
 WIDTH = 8.0
+
+# Points of the unit circle, counterclockwise from 1; the first 91 are the upper half.
+CIRCLE = np.exp(1j * np.linspace(0.0, 2.0 * math.pi, 181))
 
 # Around text that may lie on a line.
 HALO = [withStroke(linewidth=3, foreground='white')]
@@ -44,9 +49,9 @@ def styled():
     return matplotlib.rc_context(STYLE)
 
 
-def new_figure(height, width=WIDTH):
-    """Give an empty figure of the given size in inches, without any window."""
-    return Figure(figsize=(width, height), layout='constrained')
+def new_figure(height):
+    """Give an empty figure of the given height in inches, without any window."""
+    return Figure(figsize=(WIDTH, height), layout='constrained')
 
 
 def legend_below(figure, handles, **options):
