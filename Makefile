@@ -71,6 +71,10 @@ colcon: $(VENV)/.interfaces
 		$(BIN)/colcon --log-base output/colcon/log build \
 		--build-base output/colcon/build --install-base output/colcon/install
 	@$(BIN)/python .ci/check_install.py output/colcon/install
+	@mkdir -p output/workspace/src && ln -sfn $(CURDIR) output/workspace/src/kinopt_ros
+	@cd output/workspace && test "$$(AMENT_PREFIX_PATH= $(CURDIR)/$(BIN)/colcon list \
+		--names-only --base-paths src src/kinopt_ros/kinopt_interfaces | sort | xargs)" \
+		= 'kinopt_interfaces kinopt_ros' && echo 'colcon: both are found in a larger workspace'
 
 clean:
 	@rm -rf $(VENV) build install log output *.egg-info

@@ -19,7 +19,7 @@ setup(
         (f'share/{package_name}/config', sorted(glob('config/*'))),
     ],
     python_requires='>=3.10',
-    install_requires=['numpy', 'setuptools'],
+    install_requires=['numpy', 'pyyaml', 'setuptools'],
     extras_require={
         # Without a ROS install: the real ROS 2 Jazzy, from wheels.
         'wheels': [
@@ -27,7 +27,7 @@ setup(
         'plot': plot,
         'urdf': urdf,
         'bags': bags,
-        'test': ['pytest', 'hypothesis', 'scipy', 'ruff', *plot, *urdf, *bags],
+        'test': ['pytest', 'hypothesis', 'mpmath', 'scipy', 'ruff', *plot, *urdf, *bags],
         'colcon': ['colcon-common-extensions'],
         # To build kinopt_interfaces without a ROS install.
         'interfaces': [
@@ -49,6 +49,7 @@ setup(
             'simulated_arm = kinopt_ros.executables:simulated_arm',
             'demo = kinopt_ros.tools.demo:main',
             'analyze = kinopt_ros.tools.analyze:main',
+            'null_space_descent = kinopt_ros.tools.null_space_descent:main',
             'plot = kinopt_ros.tools.plot:main',
             'optimal_posture = kinopt_ros.tools.optimal_posture:main',
         ],

@@ -3,8 +3,9 @@
 import os
 import tempfile
 
-from kinopt_ros.tools.private_domain import reserve_domain
 import pytest
+
+from kinopt_ros.tools.private_domain import reserve_domain
 
 # Read when rclpy starts, hence set before anything imports it. Values from the user's shell
 # that would widen the range again have to go.

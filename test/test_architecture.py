@@ -5,8 +5,9 @@ from pathlib import Path
 import subprocess
 import sys
 
-import kinopt_ros
 import pytest
+
+import kinopt_ros
 
 PACKAGE = Path(kinopt_ros.__file__).parent
 ROOMS = ('kinetostatics', 'monitor', 'tools')

@@ -18,8 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from kinopt_ros.kinetostatics.planar_arm import (
-    checked_joint_angles, links_from_tip, unit_vectors)
+from kinopt_ros.kinetostatics.planar_arm import checked_joint_angles, links_from_tip, unit_vectors
 
 # Singular, to the rounding of the joint angles, is a posture with s2 below this fraction of s1.
 _SINGULAR = 1e-12

@@ -18,8 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from kinopt_ros.kinetostatics.planar_arm import (
-    checked_joint_angles, links_from_tip, unit_vectors)
+from kinopt_ros.kinetostatics.planar_arm import checked_joint_angles, links_from_tip, unit_vectors
 
 # Postures per block of a batch: the working arrays of a block stay within a core's cache.
 _BLOCK = 8192
@@ -123,14 +122,14 @@ def _index(arm, joint_angles, operations):
     mean = sum(from_last_joint) / n
     centred = [vector - mean for vector in from_last_joint]
     # Turned into its principal axes the block has the singular values as the norms of its
-    # rows: unlike sqrt((P - |Q|) / 2) this loses no digits where s2 is small.
-    to_axes = unit_vector(-0.5 * phase(sum([vector * vector for vector in centred])))
-    centred = [vector * to_axes for vector in centred]
-    s1 = norm(*[vector.real for vector in centred])
-    s2 = norm(*[vector.imag for vector in centred])
+    # rows. The smaller is taken from its row: sqrt((P - |Q|) / 2) would lose its digits. The
+    # larger then follows from s1^2 - s2^2 = |Q|, where nothing cancels.
+    squares = sum([vector * vector for vector in centred])
+    to_axes = unit_vector(-0.5 * phase(squares))
+    s2 = norm(*[(vector * to_axes).imag for vector in centred])
+    s1 = norm(s2, abs(squares) ** 0.5)
     total = s1 + s2
-    mean += last_link
-    r_squared = s1 * s1 + s2 * s2 + n * (mean.real * mean.real + mean.imag * mean.imag)
+    r_squared = s1 * s1 + s2 * s2 + n * abs(mean + last_link) ** 2
     closeness = total * total / (2.0 * r_squared)
     return KinetostaticIndex(
         # At isotropy rounding can leave closeness just above 1, and z must not be negative.

@@ -12,7 +12,12 @@ from typing import NamedTuple
 import numpy as np
 
 from kinopt_ros.kinetostatics.isotropic_sets import (
-    centroid, checked_points, is_isotropic, regular_polygon, rms_distance_to_centroid)
+    centroid,
+    checked_points,
+    is_isotropic,
+    regular_polygon,
+    rms_distance_to_centroid,
+)
 from kinopt_ros.kinetostatics.planar_arm import MIN_JOINTS
 
 # 9! numberings are 363 thousand; ten points would be 3.6 million and a hundred megabytes.

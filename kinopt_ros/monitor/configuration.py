@@ -12,7 +12,7 @@ import numpy as np
 from kinopt_ros.kinetostatics.gradient import index_gradient, IndexGradient
 from kinopt_ros.kinetostatics.gradient_against import gradient_against
 from kinopt_ros.kinetostatics.index import kinetostatic_index
-from kinopt_ros.kinetostatics.model_set import index_against, model_polygon
+from kinopt_ros.kinetostatics.model_set import closest_model_set, index_against, model_polygon
 from kinopt_ros.kinetostatics.planar_arm import MIN_JOINTS, PlanarArm
 from kinopt_ros.kinetostatics.singular_postures import z_crit
 from kinopt_ros.monitor.verdict import Thresholds
@@ -173,6 +173,13 @@ class Configuration:
         if self.model_set is None:
             return kinetostatic_index(self.arm.planar_arm, angles)
         return index_against(self.arm.planar_arm, angles, self.model_set, self.model_mirror)
+
+    def attained_model_set(self, positions, index):
+        """Give the model set, turned as it attains the index of measured positions (rad)."""
+        if self.model_set is None:
+            return closest_model_set(self.arm.planar_arm, self.arm.joint_angles(positions))
+        points = np.conj(self.model_set) if index.mirrored else self.model_set
+        return points * np.exp(1j * index.alpha)
 
     def gradient(self, positions):
         """Gradients of that index's z and margin by measured joint positions, in 1/rad."""

@@ -7,8 +7,6 @@ import numpy as np
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
-from kinopt_ros.kinetostatics.model_set import closest_model_set
-
 # Okabe and Ito's colours, which colour-blind people can tell apart: from vermilion at a
 # singularity (margin 0) to blue at isotropy (margin 1).
 _SINGULAR = np.array([0.835, 0.369, 0.0])
@@ -84,7 +82,8 @@ def _draw_arm(canvas, monitor):
     canvas.points('joints', joints, 0.05, colour)
     canvas.points('operation point', [tip], 0.06, ColorRGBA(r=0.1, g=0.1, b=0.1, a=1.0))
     if math.isfinite(verdict.index.conditioning_length):
-        ideal = tip - verdict.index.conditioning_length * closest_model_set(planar_arm, angles)
+        model_set = monitor.configuration.attained_model_set(monitor.positions, verdict.index)
+        ideal = tip - verdict.index.conditioning_length * model_set
         spokes = [point for centre in ideal for point in (tip, centre)]
         canvas.points('isotropic set', ideal, 0.04, _SET)
         canvas.lines('isotropic set spokes', Marker.LINE_LIST, spokes, 0.008, _SET)

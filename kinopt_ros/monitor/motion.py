@@ -14,7 +14,7 @@ from operator import mul
 # that a repeated sample or jitter in the stamps matters little, short enough to follow an arm.
 WINDOW = 0.1
 # Positions further apart than this (s) tell nothing about the present rate.
-LONGEST_GAP = 1.0
+LONGEST_GAP = 1.5
 # Rates (1/s) of z and of the margin below which an arm counts as steady.
 STEADY_RATE = 1e-3
 # Upper bound (s) of the time to a threshold: nobody extrapolates a motion further.
@@ -91,7 +91,8 @@ class PositionHistory:
         if end - start < 0.5 * WINDOW:
             return None
         # A continuous joint may report its angle within one turn, and jump at its end.
-        return [math.remainder(b - a, 2.0 * math.pi) / (end - start) for a, b in zip(old, new)]
+        return [_within_a_turn(_within_a_turn(b) - _within_a_turn(a)) / (end - start)
+                for a, b in zip(old, new)]
 
 
 def motion_at(index, gradient, joint_rates, thresholds):
@@ -122,6 +123,10 @@ def motion_at(index, gradient, joint_rates, thresholds):
     if time == math.inf:
         return Motion(z_rate, margin_rate, Trend.LEAVING)
     return Motion(z_rate, margin_rate, Trend.APPROACHING, min(time, LONGEST_TIME))
+
+
+def _within_a_turn(angle):
+    return math.remainder(angle, 2.0 * math.pi)
 
 
 def _time_to(distance, closing_rate):

@@ -40,7 +40,7 @@ class OptimumServices:
         self._node = node
         self._monitor = monitor
         self._solver = SolverProcess()
-        self._latest_arm = None
+        self._latest_arm = self._announcement = None
         self.circle_radius = None
         self._publisher = node.create_publisher(JointState, '~/optimal_posture', LATCHED)
         create_deferred_service(node, Trigger, '~/get_optimal_posture', self._on_trigger)
@@ -51,7 +51,11 @@ class OptimumServices:
         if arm == self._latest_arm:
             return
         self._latest_arm, self.circle_radius = arm, None
-        self._solve_for(arm).add_done_callback(lambda done: self._publish(arm, done))
+        if self._announcement is not None:
+            # Of several changes in a row only the last is worth solving for.
+            self._announcement.cancel()
+        self._announcement = self._solve_for(arm)
+        self._announcement.add_done_callback(lambda done: self._publish(arm, done))
 
     def close(self):
         """End the solver."""
@@ -78,7 +82,6 @@ class OptimumServices:
             arm.joint_angles(self._monitor.reference_positions))
 
     def _publish(self, arm, done):
-        # Of several changes in a row only the last is worth announcing.
         if done.cancelled() or arm is not self._latest_arm:
             return
         if done.exception() is not None:

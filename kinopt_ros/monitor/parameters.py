@@ -92,7 +92,7 @@ BEHAVIOUR_TABLE = (
         'Within 0..100; see z_max and margin_min.', (0.0, 100.0)),
     ParameterRow(
         'min_dwell', _DOUBLE, 0.0,
-        'Shortest time in s that a raised flag stays up.', 'Within 0..3600.', (0.0, 3600.0)),
+        'Time in s since the last crossing before which a raised flag does not clear.', 'Within 0..3600.', (0.0, 3600.0)),
     ParameterRow(
         'stale_timeout', _DOUBLE, 0.5,
         'Time in s without a complete, fresh posture after which it is stale; also the age in s '
@@ -128,6 +128,12 @@ BEHAVIOUR_TABLE = (
 )
 
 MONITOR_TABLE = (*BEHAVIOUR_TABLE, *ARM_TABLE)
+
+EXECUTOR = ParameterRow(
+    'executor', Parameter.Type.STRING, 'events',
+    "What calls the node back: rclpy's EventsExecutor ('events'), or its SingleThreadedExecutor "
+    "('single'), which takes more of the processor.",
+    'events or single; the other one where it cannot be had; read-only.', read_only=True)
 
 # With base_link and tip_link the arm comes from a robot description; what is given explicitly
 # in the parameters of the arm wins over what is derived.

@@ -9,8 +9,12 @@ import math
 from kinopt_ros.monitor.motion import motion_at, PositionHistory, UNKNOWN_MOTION
 from kinopt_ros.monitor.posture import BadJointStateError, PostureAssembler
 from kinopt_ros.monitor.verdict import (
-    Level, ProximityFlag, verdict_on_bad_message, verdict_on_index, verdict_on_silence)
-
+    Level,
+    ProximityFlag,
+    verdict_on_bad_message,
+    verdict_on_index,
+    verdict_on_silence,
+)
 
 # The monitor looks at the clock at least once per stale_timeout. When it comes later than this
 # (s), its process did not run meanwhile: it was stopped, or the machine was suspended.
@@ -60,10 +64,23 @@ class PostureMonitor:
 
     def configure(self, configuration, now):
         """Go on with another configuration of the same joints; what is known is judged again."""
-        self._pause.ends(now, self.configuration.stale_timeout)
         self.configuration = configuration
         if self.knows_posture:
             self._judge(self.positions, now)
+
+    def look(self, now):
+        """
+        Look at the clock, before all else that a live process does at a time.
+
+        Returns
+        -------
+        verdict : Verdict or None
+            That the posture is stale, when the process has just come out of a pause; what has
+            waited in its queues meanwhile is not believed.
+        """
+        if not self._pause.ends(now, self.configuration.stale_timeout) or self._is_stale:
+            return None
+        return self._become_stale(now)
 
     def on_joint_state(self, names, positions, now, velocities=(), stamp=0.0):
         """
@@ -86,8 +103,6 @@ class PostureMonitor:
             None if the message does not concern the arm or completes no posture.
         """
         configuration = self.configuration
-        if self._pause.ends(now, configuration.stale_timeout):
-            return None if self._is_stale else self._become_stale(now)
         if self._pause.may_predate(stamp, now):
             return None
         try:
@@ -112,7 +127,6 @@ class PostureMonitor:
 
     def on_time(self, now):
         """Give a verdict when the posture has just become stale, None otherwise."""
-        self._pause.ends(now, self.configuration.stale_timeout)
         if self._is_stale or self.time_to_stale(now) > 0.0:
             self._name_late_joints(now)
             return None

@@ -5,20 +5,59 @@ import sys
 import rclpy
 from rclpy.exceptions import ParameterException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.parameter import Parameter
+from rclpy.signals import SignalHandlerOptions
 
 from kinopt_ros.monitor import signals
+from kinopt_ros.monitor.parameters import EXECUTOR
 
-# An upper bound for the executor's sleep; work and signals wake it at once.
-_LONGEST_SLEEP = 0.5
+# Within this time (s) a signal is looked at; work wakes the executor at once.
+_LONGEST_SLEEP = 0.05
 
 
 class StartError(Exception):
     """What the user gave a node to start with is bad; the message is one line for people."""
 
 
-def make_executor():
-    """Give the executor that this project's executables spin."""
-    return SingleThreadedExecutor()
+def make_executor(name, logger):
+    """
+    Give an executor by its name, or the other one where it cannot be had.
+
+    Parameters
+    ----------
+    name : str
+        'events' or 'single'.
+    logger : rclpy.impl.rcutils_logger.RcutilsLogger
+        Told of it if it is the other one.
+
+    Returns
+    -------
+    executor : rclpy.executors.Executor
+
+    Raises
+    ------
+    ValueError
+        If there is no executor of that name.
+    """
+    if name not in _EXECUTORS:
+        raise ValueError(f"parameter {EXECUTOR.name} = '{name}': must be "
+                         f'{" or ".join(map(repr, _EXECUTORS))}')
+    try:
+        return _EXECUTORS[name]()
+    except Exception as error:
+        other, make_other = next(item for item in _EXECUTORS.items() if item[0] != name)
+        logger.warning(f"no executor '{name}' here ({error}); using '{other}'")
+        return make_other()
+
+
+def _events_executor():
+    # It is experimental in Jazzy: it may be missing, moved, or refuse the middleware.
+    from rclpy.experimental.events_executor import EventsExecutor
+    return EventsExecutor()
+
+
+_EXECUTORS = {'events': _events_executor, 'single': SingleThreadedExecutor}
 
 
 def run(make_node, args=None):
@@ -29,7 +68,8 @@ def run(make_node, args=None):
     ----------
     make_node : callable
         Makes the node in the default context; raises ValueError where the user's input at
-        start is bad.
+        start is bad. Where that comes out only later, the node leaves it in its attribute
+        `start_error`: no executor takes an exception from a callback quietly.
     args : list of str or None
         Command line; None for the process's own.
 
@@ -43,9 +83,9 @@ def run(make_node, args=None):
     try:
         _initialize(args)
         node = _make(make_node)
-        executor = make_executor()
+        executor = _make(lambda: _executor_of(node))
         executor.add_node(node)
-        _spin(executor)
+        _spin(executor, node, interruptions)
     except ExternalShutdownException:
         pass
     except StartError as error:
@@ -54,7 +94,7 @@ def run(make_node, args=None):
             return 1
     except Exception:
         # On the way out rclpy raises all sorts of errors about a context that is gone.
-        if rclpy.ok():
+        if rclpy.ok() and not interruptions:
             raise
     finally:
         _tear_down(node, executor)
@@ -63,24 +103,37 @@ def run(make_node, args=None):
 
 def _initialize(args):
     try:
-        rclpy.init(args=args)
+        # The handlers of rclpy would shut the context down under a running callback.
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     except Exception as error:
         # Of a bad command line or parameter file: only the first line is meant for people.
         raise StartError(str(error).split(', at ')[0]) from error
 
 
-def _make(make_node):
+def _make(make):
     try:
-        return make_node()
+        return make()
     except (ValueError, ParameterException) as error:
         if rclpy.ok():
             raise StartError(str(error)) from error
         raise
+    except rclpy_implementation.RCLError as error:
+        # The middleware does not let the node in, by its security settings for instance.
+        raise StartError(' '.join(str(error).split())) from error
 
 
-def _spin(executor):
-    while rclpy.ok():
+def _executor_of(node):
+    name = node.get_parameter_or(EXECUTOR.name, Parameter(EXECUTOR.name, value=EXECUTOR.default))
+    return make_executor(name.value, node.get_logger())
+
+
+def _spin(executor, node, interruptions):
+    # spin_once because the EventsExecutor's spin() of rclpy 7.1 takes a core and calls nothing.
+    while rclpy.ok() and not interruptions:
         executor.spin_once(timeout_sec=_LONGEST_SLEEP)
+        start_error = getattr(node, 'start_error', None)
+        if start_error is not None:
+            raise StartError(str(start_error))
 
 
 def _tear_down(node, executor):

@@ -15,8 +15,8 @@ def take_note():
     """
     Let a signal raise nothing, and note it in the list returned.
 
-    The handlers that rclpy installs on top of these shut the context down, which ends the
-    spinning; a second signal then finds nothing left to interrupt.
+    Whoever spins looks at the list between two callbacks; a second signal then finds nothing
+    left to interrupt.
     """
     received = []
     _handle(lambda number, _: received.append(number))

@@ -7,19 +7,35 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import (
-    InvalidQosOverridesError, QosCallbackResult, QoSOverridingOptions)
+    InvalidQosOverridesError,
+    QosCallbackResult,
+    QoSOverridingOptions,
+)
 from sensor_msgs.msg import JointState
 from std_msgs.msg import (
-    Bool, Float64, Float64MultiArray, Header, MultiArrayDimension, MultiArrayLayout, String)
+    Bool,
+    Float64,
+    Float64MultiArray,
+    Header,
+    MultiArrayDimension,
+    MultiArrayLayout,
+    String,
+)
 
 from kinopt_ros.monitor.described_arm import arm_parameters, DescribedArm
 from kinopt_ros.monitor.diagnostics import diagnostic_array, InputRate, key_values
 from kinopt_ros.monitor.marker_publisher import MarkerPublisher
 from kinopt_ros.monitor.optimum_services import LATCHED, OptimumServices
 from kinopt_ros.monitor.parameters import (
-    BEHAVIOUR_TABLE, declare, DESCRIPTION_TABLE, given_joint_names, MonitorParameters)
+    BEHAVIOUR_TABLE,
+    declare,
+    DESCRIPTION_TABLE,
+    EXECUTOR,
+    given_joint_names,
+    MonitorParameters,
+)
 from kinopt_ros.monitor.posture_monitor import PostureMonitor
-from kinopt_ros.monitor.process import run, StartError
+from kinopt_ros.monitor.process import run
 from kinopt_ros.monitor.verdict import verdict_without_arm
 
 # Deep enough that the parts of a split JointState do not overwrite each other, too shallow
@@ -42,17 +58,23 @@ class SingularityMonitor(Node):
 
     Where the arm comes from the topic robot_description, the watch begins with that message;
     until then nothing is known, and that is what the diagnostics say.
+
+    Attributes
+    ----------
+    start_error : ValueError or None
+        What was found to be bad when that message came; nothing is watched then.
     """
 
     def __init__(self, **node_options):
         super().__init__('singularity_monitor', **node_options)
+        self.start_error = None
         self._monitor = None
         self._optimum = None
         self._typed = None
         self._header = None
         self._published = None
         self._input_rate = InputRate()
-        values = declare(self, (*DESCRIPTION_TABLE, *BEHAVIOUR_TABLE))
+        values = declare(self, (EXECUTOR, *DESCRIPTION_TABLE, *BEHAVIOUR_TABLE))
         self._hardware_id = values['hardware_id']
         self._create_publishers()
         described_arm = DescribedArm.from_parameters(values, given_joint_names(self))
@@ -92,7 +114,7 @@ class SingularityMonitor(Node):
             try:
                 self._start_monitoring(subchain)
             except ValueError as error:
-                raise StartError(str(error)) from error
+                self.start_error = error
 
         self.create_subscription(String, 'robot_description', on_description, LATCHED)
 
@@ -142,7 +164,7 @@ class SingularityMonitor(Node):
     def _on_joint_state(self, message):
         now = steady_time()
         header = message.header
-        verdict = self._monitor.on_joint_state(
+        verdict = self._monitor.look(now) or self._monitor.on_joint_state(
             message.name, message.position, now, message.velocity,
             header.stamp.sec + 1e-9 * header.stamp.nanosec)
         if verdict is None:
@@ -158,7 +180,8 @@ class SingularityMonitor(Node):
             self._publish_news()
 
     def _on_watchdog(self):
-        verdict = self._monitor.on_time(steady_time())
+        now = steady_time()
+        verdict = self._monitor.look(now) or self._monitor.on_time(now)
         if verdict is not None:
             self._input_rate.forget()
             self._publish(verdict)
@@ -204,6 +227,7 @@ class SingularityMonitor(Node):
             verdict, values, self.get_fully_qualified_name(), self._hardware_id, stamp))
 
     def _on_configuration(self, configuration):
+        self._on_watchdog()
         self._monitor.configure(configuration, steady_time())
         self._set_heartbeat(configuration)
         self._on_watchdog()

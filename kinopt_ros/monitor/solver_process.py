@@ -20,16 +20,16 @@ class SolverProcess:
     Ask for optimal postures without waiting for them.
 
     Requests are answered one after the other, in their order. The process starts with the
-    first one; should it die, the next request starts another. It ends with its parent,
+    first one; should it die, the request is put to another, once. It ends with its parent,
     whatever way that goes, because its input then ends.
     """
 
     def __init__(self):
         self._thread = ThreadPoolExecutor(1, thread_name_prefix='solver')
         self._process = None
-        self._lock = threading.Lock()
         self._closed = False
         self._waiting = 0
+        self._count_lock = threading.Lock()
 
     @property
     def waiting(self):
@@ -47,7 +47,7 @@ class SolverProcess:
             bad, or a ChildProcessError where the process died over it. Callbacks are run in
             the thread that waits for the process.
         """
-        with self._lock:
+        with self._count_lock:
             self._waiting += 1
         future = self._thread.submit(self._ask, (link_lengths, lower, upper, reference))
         future.add_done_callback(self._answered)
@@ -55,43 +55,60 @@ class SolverProcess:
 
     def close(self):
         """End the process, and wait for the thread; requests without an answer fail."""
-        with self._lock:
-            self._closed = True
-            if self._process is not None:
-                self._process.kill()
+        self._closed = True
+        if self._process is not None:
+            self._process.kill()
         self._thread.shutdown(cancel_futures=True)
         if self._process is not None:
+            self._process.kill()
             self._process.communicate()
 
     def _answered(self, _):
-        with self._lock:
+        with self._count_lock:
             self._waiting -= 1
 
     def _ask(self, request):
-        process = self._running_process()
-        try:
-            pickle.dump(request, process.stdin)
-            process.stdin.flush()
-            answer = pickle.load(process.stdout)
-        except (OSError, EOFError, pickle.UnpicklingError) as error:
-            process.kill()
-            process.communicate()
-            raise ChildProcessError('the solver process ended over the request') from error
+        answer = self._answer(request) or self._answer(request)
+        if answer is None:
+            raise ChildProcessError('the solver process ended over the request')
         if isinstance(answer, Exception):
             raise answer
         return answer
 
-    def _running_process(self):
-        with self._lock:
-            if self._closed:
-                raise ChildProcessError('the solver is closed')
-            if self._process is None or self._process.poll() is not None:
-                self._process = subprocess.Popen(
-                    [sys.executable, '-m', __name__], stdin=subprocess.PIPE,
-                    stdout=subprocess.PIPE,
-                    # A Ctrl-C at the terminal is for the node, which then ends this process.
-                    start_new_session=True)
-            return self._process
+    def _answer(self, request):
+        """Put a request to the process; None if it ends over it."""
+        if self._process is None or self._process.poll() is not None:
+            self._process = _start()
+        if self._closed:
+            raise ChildProcessError('the solver is closed')
+        try:
+            pickle.dump(request, self._process.stdin)
+            self._process.stdin.flush()
+            return pickle.load(self._process.stdout)
+        except (OSError, EOFError, ValueError, pickle.UnpicklingError):
+            self._process.kill()
+            self._process.wait()
+            return None
+
+
+def _start():
+    # The path of this very process: the folder that it runs in must not come before it.
+    code = (f'import sys; sys.path[:] = {sys.path!r}; '
+            f'from {__name__} import main; main()')
+    return subprocess.Popen(
+        [sys.executable, '-c', code], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+        # Small matrices gain nothing from threads, which would take other cores from the arm.
+        env={**os.environ, 'OPENBLAS_NUM_THREADS': '1', 'OMP_NUM_THREADS': '1'},
+        # A Ctrl-C at the terminal is for the node, which then ends this process.
+        start_new_session=True)
+
+
+def main():
+    """Answer requests on the standard streams."""
+    signals.ignore()
+    # The controller beside which this runs comes first.
+    os.nice(10)
+    serve(sys.stdin.buffer, sys.stdout.buffer)
 
 
 def serve(requests, answers):
@@ -108,9 +125,3 @@ def serve(requests, answers):
         pickle.dump(answer, answers)
         answers.flush()
 
-
-if __name__ == '__main__':
-    signals.ignore()
-    # The controller beside which this runs comes first.
-    os.nice(10)
-    serve(sys.stdin.buffer, sys.stdout.buffer)

@@ -8,8 +8,6 @@ import math
 
 from kinopt_interfaces.msg import KinetostaticState, PostureAlternative
 from kinopt_interfaces.srv import SolveOptimalPosture
-
-from kinopt_ros.kinetostatics.joint_limits import JointLimits
 from kinopt_ros.kinetostatics.planar_arm import PlanarArm
 from kinopt_ros.monitor.deferred_service import create_deferred_service
 from kinopt_ros.monitor.optimum_services import completed, mapped
@@ -95,11 +93,14 @@ def _check(n, lower, upper, reference):
             if math.isnan(value) or (name == 'reference' and math.isinf(value)):
                 raise ValueError(f'{name}[{i}] = {value}: must be '
                                  f'{"finite" if name == "reference" else "a number"}')
-    for i in range(n if lower and upper else 0):
-        if lower[i] > upper[i]:
-            raise ValueError(f'joint_lower[{i}] = {lower[i]}: must not be above '
-                             f'joint_upper[{i}] = {upper[i]}')
-    JointLimits.checked(n, lower, upper, reference)
+    for i in range(n):
+        least, most = lower[i] if lower else -math.inf, upper[i] if upper else math.inf
+        if least > most:
+            raise ValueError(f'joint_lower[{i}] = {least}: must not be above '
+                             f'joint_upper[{i}] = {most}')
+        if least == math.inf or most == -math.inf:
+            name, value = ('joint_lower', least) if least > 0.0 else ('joint_upper', most)
+            raise ValueError(f'{name}[{i}] = {value}: must leave some positions')
 
 
 def _refusal(message):

@@ -38,7 +38,7 @@ class Thresholds:
         The flag clears at margin > margin_min (1 + hysteresis) together with
         1 - z > (1 - z_max) (1 + hysteresis); >= 0.
     min_dwell : float
-        Shortest time in s that a raised flag stays up; >= 0.
+        Time in s since the last crossing before which a raised flag does not clear; >= 0.
 
     Raises
     ------
@@ -142,8 +142,7 @@ class ProximityFlag:
 
     def raise_at(self, now, causes=()):
         """Raise the flag, or keep it raised, for the causes given."""
-        if not self.raised:
-            self._last_cause = now
+        self._last_cause = now
         self.raised = True
         self.causes = causes
 

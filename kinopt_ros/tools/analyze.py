@@ -197,11 +197,13 @@ def main(args=None):
 
 def _draw(rows, thresholds, options):
     try:
-        from kinopt_ros.tools.time_plot import draw_over_time
+        from kinopt_ros.tools.pictures.over_time import over_time_figure
+        from kinopt_ros.tools.pictures.style import save, styled
     except ImportError as error:
         return _fail(f'no picture without matplotlib: pip install matplotlib ({error})')
     options.picture.parent.mkdir(parents=True, exist_ok=True)
-    draw_over_time(rows, thresholds, options.picture, options.recording.name)
+    with styled():
+        save(over_time_figure(rows, thresholds, options.recording.name), options.picture)
     print(f'picture        {options.picture}')
     return 0
 

@@ -2,21 +2,19 @@
 
 import argparse
 import math
-import os
 from pathlib import Path
-import signal
-import subprocess
 import sys
 import time
 
 from kinopt_ros.monitor.verdict import Thresholds
-from kinopt_ros.tools.private_domain import reserve_domain
+from kinopt_ros.tools.child_processes import ChildProcesses, use_private_domain
 from kinopt_ros.tools.recorder import Recorder
 
 JOINT_NAMES = ['joint_1', 'joint_2', 'joint_3']
 LINK_LENGTHS = [1.0, 1.0, math.sqrt(3.0) / 3.0]
 WATCH_TIME = 15.0
 LINE_PERIOD = 0.5
+TITLE = 'An arm passes its best posture (z = 0) and straightens out (margin = 0)'
 START_DEADLINE = 20.0
 
 
@@ -29,43 +27,21 @@ def main(args=None):
     parser.add_argument('--seconds', type=float, default=WATCH_TIME,
                         help='how long to watch (default: %(default)s)')
     options = parser.parse_args(args)
-    # Nobody else hears the demonstration, and it hears nobody else.
-    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
-    os.environ['ROS_DOMAIN_ID'] = str(reserve_domain())
-    processes = [_start('singularity_monitor'), _start('simulated_arm')]
+    use_private_domain()
+    arm = ['-p', f'joint_names:=[{", ".join(JOINT_NAMES)}]',
+           '-p', f'link_lengths:=[{", ".join(map(repr, LINK_LENGTHS))}]']
     try:
-        recording = _watch(options.seconds, processes)
+        with ChildProcesses() as processes:
+            processes.start('singularity_monitor', *arm)
+            processes.start('simulated_arm', *arm)
+            recording = _watch(options.seconds, processes)
     except KeyboardInterrupt:
         print('\ninterrupted')
         return 0
-    finally:
-        _stop(processes)
-    if any(process.returncode != 0 for process in processes):
+    if processes.failed:
         print('error: a process of the demonstration failed', file=sys.stderr)
         return 1
     return _draw(recording, options.picture)
-
-
-def _start(executable):
-    parameters = [f'joint_names:=[{", ".join(JOINT_NAMES)}]',
-                  f'link_lengths:=[{", ".join(map(repr, LINK_LENGTHS))}]']
-    arguments = [argument for parameter in parameters for argument in ('-p', parameter)]
-    return subprocess.Popen(
-        [Path(sys.executable).parent / executable, '--ros-args', *arguments],
-        # A Ctrl-C at the terminal is for the demonstration, which then stops its processes.
-        start_new_session=True)
-
-
-def _stop(processes):
-    for process in processes:
-        if process.poll() is None:
-            process.send_signal(signal.SIGINT)
-    for process in processes:
-        try:
-            process.wait(timeout=10.0)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
 
 
 def _watch(seconds, processes):
@@ -86,10 +62,7 @@ def _watch(seconds, processes):
 
 def _spin(recorder, processes, seconds):
     recorder.spin_for(seconds)
-    for process in processes:
-        if process.poll() is not None:
-            raise ChildProcessError(f'{process.args[0].name} ended with status '
-                                    f'{process.returncode}')
+    processes.check()
 
 
 def _line(rows):
@@ -101,12 +74,13 @@ def _line(rows):
 
 def _draw(recording, path):
     try:
-        from kinopt_ros.tools.time_plot import draw_over_time
+        from kinopt_ros.tools.pictures.over_time import over_time_figure
+        from kinopt_ros.tools.pictures.style import save, styled
     except ImportError as error:
         print(f'error: no picture without matplotlib ({error})', file=sys.stderr)
         return 1
     path.parent.mkdir(parents=True, exist_ok=True)
-    draw_over_time(recording, Thresholds(), path,
-                   'An arm passes its best posture (z = 0) and straightens out (margin = 0)')
+    with styled():
+        save(over_time_figure(recording, Thresholds(), TITLE), path)
     print(f'picture: {path}')
     return 0

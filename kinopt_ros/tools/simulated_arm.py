@@ -9,10 +9,11 @@ from sensor_msgs.msg import JointState
 
 from kinopt_ros.kinetostatics.optimal_posture import optimal_posture
 from kinopt_ros.monitor.configuration import MeasuredArm
-from kinopt_ros.monitor.parameters import ARM_TABLE, declare, ParameterRow
+from kinopt_ros.monitor.parameters import ARM_TABLE, declare, EXECUTOR, ParameterRow
 from kinopt_ros.monitor.process import run
 
 TABLE = (
+    EXECUTOR,
     *ARM_TABLE,
     ParameterRow(
         'rate', Parameter.Type.DOUBLE, 100.0,

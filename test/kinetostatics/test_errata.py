@@ -6,14 +6,14 @@ Numbers of tests are those of the list.
 
 import math
 
+import numpy as np
+import pytest
+
 from kinopt_ros.kinetostatics.index import kinetostatic_index
-from kinopt_ros.kinetostatics.isotropic_sets import (
-    geometric_moment_of_inertia, union)
+from kinopt_ros.kinetostatics.isotropic_sets import geometric_moment_of_inertia, union
 from kinopt_ros.kinetostatics.model_set import index_against, model_polygon
 from kinopt_ros.kinetostatics.planar_arm import matrix_of_vectors, PlanarArm
 from kinopt_ros.kinetostatics.singular_postures import singular_postures
-import numpy as np
-import pytest
 
 ISOTROPIC = PlanarArm((1.0, 1.0, math.sqrt(3.0) / 3.0))
 OPTIMUM = np.radians([0.0, 120.0, 150.0])

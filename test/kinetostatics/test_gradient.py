@@ -2,11 +2,12 @@
 
 import math
 
+import numpy as np
+import pytest
+
 from kinopt_ros.kinetostatics.gradient import index_gradient
 from kinopt_ros.kinetostatics.index import kinetostatic_index
 from kinopt_ros.kinetostatics.planar_arm import PlanarArm
-import numpy as np
-import pytest
 
 
 def random_arm(rng, n):

@@ -3,13 +3,19 @@
 from itertools import permutations
 import math
 
-from kinopt_ros.kinetostatics.isotropic_chains import (
-    all_numberings, chain_of, design_isotropic_arms, distinct_numberings, isotropic_chains,
-    symmetries)
-from kinopt_ros.kinetostatics.isotropic_sets import regular_polygon, union
-from kinopt_ros.kinetostatics.planar_arm import PlanarArm
 import numpy as np
 import pytest
+
+from kinopt_ros.kinetostatics.isotropic_chains import (
+    all_numberings,
+    chain_of,
+    design_isotropic_arms,
+    distinct_numberings,
+    isotropic_chains,
+    symmetries,
+)
+from kinopt_ros.kinetostatics.isotropic_sets import regular_polygon, union
+from kinopt_ros.kinetostatics.planar_arm import PlanarArm
 
 # Seven distinct points without a symmetry but the identity.
 CROOKED = union(regular_polygon(3, 0.3), regular_polygon(4, 0.5, radius=2.0))

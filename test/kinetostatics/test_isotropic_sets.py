@@ -3,11 +3,20 @@
 import math
 
 from hypothesis import given, strategies
-from kinopt_ros.kinetostatics.isotropic_sets import (
-    centroid, geometric_moment_of_inertia, is_isotropic, reflected, regular_polygon,
-    rms_distance_to_centroid, rotated, second_moment, union)
 import numpy as np
 import pytest
+
+from kinopt_ros.kinetostatics.isotropic_sets import (
+    centroid,
+    geometric_moment_of_inertia,
+    is_isotropic,
+    reflected,
+    regular_polygon,
+    rms_distance_to_centroid,
+    rotated,
+    second_moment,
+    union,
+)
 
 ROOT_2, ROOT_6 = math.sqrt(2.0), math.sqrt(6.0)
 TRIANGLE = [complex(-ROOT_6 / 2, -ROOT_2 / 2), complex(ROOT_6 / 2, -ROOT_2 / 2), ROOT_2 * 1j]

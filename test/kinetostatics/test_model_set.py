@@ -2,16 +2,21 @@
 
 import math
 
-from kinopt_ros.kinetostatics.gradient_against import gradient_against
-from kinopt_ros.kinetostatics.index import kinetostatic_index
-from kinopt_ros.kinetostatics.model_set import (
-    closest_model_set, index_against, model_polygon, model_set_of_matrix)
-from kinopt_ros.kinetostatics.optimal_posture import optimal_posture
-from kinopt_ros.kinetostatics.planar_arm import matrix_of_vectors, PlanarArm
 import numpy as np
 import pytest
 from scipy.optimize import minimize
 from scipy.stats import ortho_group
+
+from kinopt_ros.kinetostatics.gradient_against import gradient_against
+from kinopt_ros.kinetostatics.index import kinetostatic_index
+from kinopt_ros.kinetostatics.model_set import (
+    closest_model_set,
+    index_against,
+    model_polygon,
+    model_set_of_matrix,
+)
+from kinopt_ros.kinetostatics.optimal_posture import optimal_posture
+from kinopt_ros.kinetostatics.planar_arm import matrix_of_vectors, PlanarArm
 
 ISOTROPIC = PlanarArm((1.0, 1.0, math.sqrt(3.0) / 3.0))
 # Example 1 as printed: the matrix, and its points as complex numbers.

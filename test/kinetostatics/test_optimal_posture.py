@@ -3,6 +3,10 @@
 from concurrent.futures import ThreadPoolExecutor
 import math
 
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+
 from kinopt_ros.kinetostatics.certificate import certified_lower_bound
 from kinopt_ros.kinetostatics.gradient import index_gradient
 from kinopt_ros.kinetostatics.hessian import index_expansion
@@ -10,9 +14,6 @@ from kinopt_ros.kinetostatics.index import kinetostatic_index
 from kinopt_ros.kinetostatics.optimal_posture import optimal_posture
 from kinopt_ros.kinetostatics.planar_arm import PlanarArm
 from kinopt_ros.kinetostatics.posture_record import optimal_posture_record
-import numpy as np
-import pytest
-from scipy.optimize import minimize
 
 FREE = math.inf
 

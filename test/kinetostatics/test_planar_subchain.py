@@ -7,11 +7,16 @@ spatial geometric Jacobian column by column, and leaves it to the comparison to 
 
 import math
 
-from kinopt_ros.kinetostatics.planar_subchain import (
-    ChainJoint, FARTHEST, PARALLEL_TOLERANCE, planar_subchain)
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+
+from kinopt_ros.kinetostatics.planar_subchain import (
+    ChainJoint,
+    FARTHEST,
+    PARALLEL_TOLERANCE,
+    planar_subchain,
+)
 
 FREE = ('revolute', 'continuous')
 

@@ -2,14 +2,14 @@
 
 import math
 
-from kinopt_ros.kinetostatics.index import kinetostatic_index
-from kinopt_ros.kinetostatics.model_set import index_against, model_polygon
-from kinopt_ros.kinetostatics.planar_arm import PlanarArm
-from kinopt_ros.kinetostatics.singular_postures import (
-    critical_posture, singular_postures, z_crit)
 import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
+
+from kinopt_ros.kinetostatics.index import kinetostatic_index
+from kinopt_ros.kinetostatics.model_set import index_against, model_polygon
+from kinopt_ros.kinetostatics.planar_arm import PlanarArm
+from kinopt_ros.kinetostatics.singular_postures import critical_posture, singular_postures, z_crit
 
 
 def random_arms(count, seed, n_max=7):

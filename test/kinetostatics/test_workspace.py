@@ -2,16 +2,17 @@
 
 import math
 
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from scipy.optimize import differential_evolution
+
 from kinopt_ros.kinetostatics.index import kinetostatic_index
 from kinopt_ros.kinetostatics.isocontours import index_over_grid, principal_curvatures
 from kinopt_ros.kinetostatics.planar_arm import PlanarArm
 from kinopt_ros.kinetostatics.seam import place_seam, trace_seam
 from kinopt_ros.kinetostatics.singular_postures import z_crit
 from kinopt_ros.kinetostatics.workspace import study_thresholds, useful_workspace
-import numpy as np
-import pytest
-from scipy.integrate import quad
-from scipy.optimize import differential_evolution
 
 ISOTROPIC = PlanarArm((1.0, 1.0, math.sqrt(3.0) / 3.0))
 EQUILATERAL = PlanarArm((1.0, 1.0, 1.0))

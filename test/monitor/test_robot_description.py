@@ -4,13 +4,14 @@ import math
 from pathlib import Path
 import time
 
-from kinopt_ros.kinetostatics.planar_subchain import PARALLEL_TOLERANCE
-from kinopt_ros.monitor import robot_description
-from kinopt_ros.monitor.robot_description import chain_of, planar_subchain_of
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 import yaml
+
+from kinopt_ros.kinetostatics.planar_subchain import PARALLEL_TOLERANCE
+from kinopt_ros.monitor import robot_description
+from kinopt_ros.monitor.robot_description import chain_of, planar_subchain_of
 
 pytest.importorskip('urdf_parser_py', reason=robot_description.INSTALL_HINT)
 

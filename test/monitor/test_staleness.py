@@ -59,12 +59,14 @@ def test_timeout_is_kept_closely(quick):
     """The watch looks when the time is up, not at the next tick of some period."""
     late = []
     for _ in range(3):
+        # Away from the watch's own ticks.
+        quick.linger(0.5 * TIMEOUT)
         quick.cycle(REGULAR)
         count = len(quick.cycles)
         late.append(elapsed_until(
             quick, lambda count=count: len(quick.cycles) > count, 'stale') - TIMEOUT)
     # The least of three: a busy machine may delay one.
-    assert -0.05 < min(late) < 0.25
+    assert -0.05 < min(late) < 0.15
 
 
 def test_recovery_is_by_itself_and_staleness_sets_in_again(quick):
@@ -106,15 +108,18 @@ def test_bad_messages_do_not_keep_it_fresh(quick):
     """Silence for the time-out is said although bad messages come all the time."""
     quick.cycle(REGULAR)
     deadline = time.monotonic() + 10.0
-    while not any(a.status[0].level == b'\x03' and 'fresh' in a.status[0].message
-                  for a in quick.diagnostics):
+
+    def is_told():
+        """Tell whether the silence was said, and the bad message again after it."""
+        levels = [array.status[0].level[0] for array in quick.diagnostics]
+        silences = [i for i, array in enumerate(quick.diagnostics)
+                    if levels[i] == STALE and 'fresh' in array.status[0].message]
+        return silences and ERROR in levels[silences[0]:]
+
+    while not is_told():
         assert time.monotonic() < deadline
         quick.send([math.nan] * 3)
         quick.linger(0.05)
-    # And the bad message is told again, not hidden behind the silence.
-    heard = len(quick.diagnostics)
-    quick.send([math.nan] * 3)
-    quick.wait_for_level(ERROR, since=heard)
 
 
 def test_parts_make_a_posture(bench):

@@ -11,11 +11,12 @@ from pathlib import Path
 import shutil
 import sys
 
+import numpy as np
+import pytest
+
 from kinopt_ros.monitor.verdict import Level
 from kinopt_ros.tools import analyze, recordings, replay
 from kinopt_ros.tools.recordings import MAX_LINE, read_recording
-import numpy as np
-import pytest
 
 ROOT = Path(__file__).parents[2]
 UR5_RECORDING = Path(os.environ.get(
@@ -324,7 +325,7 @@ def test_undecodable_message_of_a_bag_is_told(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize('missing, words', [
-    ('rosbags.rosbag2', 'pip install rosbags'), ('kinopt_ros.tools.time_plot', 'matplotlib')])
+    ('rosbags.rosbag2', 'pip install rosbags'), ('kinopt_ros.tools.pictures.over_time', 'matplotlib')])
 def test_missing_extras_are_said_with_the_remedy(
         run, tmp_path, motion, monkeypatch, capsys, missing, words):
     bag = write_bag(tmp_path / 'bag', [(time, '/joint_states', NAMES, row)

@@ -3,9 +3,10 @@
 import json
 import math
 
+import pytest
+
 from kinopt_ros.kinetostatics.optimal_posture import optimal_posture
 from kinopt_ros.tools.optimal_posture import main
-import pytest
 
 
 def answer(capsys, *arguments):

@@ -18,8 +18,7 @@ from kinopt_ros.kinetostatics.optimal_posture import optimal_posture  # noqa: E4
 from kinopt_ros.kinetostatics.planar_arm import PlanarArm  # noqa: E402
 from kinopt_ros.tools import plot  # noqa: E402
 from kinopt_ros.tools.pictures.chains import chains_figure  # noqa: E402
-from kinopt_ros.tools.pictures.contours import (  # noqa: E402
-    isocontours_figure, neighbourhood_figure)
+from kinopt_ros.tools.pictures.contours import isocontours_figure, neighbourhood_figure  # noqa: E402
 from kinopt_ros.tools.pictures.paper import paper_figures, tool_angle_on_circle  # noqa: E402
 from kinopt_ros.tools.pictures.postures import joint_centres, posture_figure  # noqa: E402
 from kinopt_ros.tools.pictures.seams import seam_figure  # noqa: E402

@@ -10,9 +10,15 @@ from kinopt_ros.kinetostatics.optimal_posture import optimal_posture
 from kinopt_ros.kinetostatics.planar_arm import PlanarArm
 from kinopt_ros.tools.pictures.chains import chains_figure
 from kinopt_ros.tools.pictures.contours import (
-    isocontours_figure, neighbourhood_figure, surface_figure)
+    isocontours_figure,
+    neighbourhood_figure,
+    surface_figure,
+)
 from kinopt_ros.tools.pictures.postures import (
-    geometric_mean_figure, manipulator_figure, posture_figure)
+    geometric_mean_figure,
+    manipulator_figure,
+    posture_figure,
+)
 from kinopt_ros.tools.pictures.seams import seam_figure
 from kinopt_ros.tools.pictures.sets import rotation_figure, trivial_sets_figure, union_figure
 from kinopt_ros.tools.pictures.thresholds import thresholds_figure

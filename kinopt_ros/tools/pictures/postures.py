@@ -7,8 +7,19 @@ import numpy as np
 from kinopt_ros.kinetostatics.index import kinetostatic_index
 from kinopt_ros.kinetostatics.model_set import closest_model_set
 from kinopt_ros.tools.pictures.style import (
-    BLACK, BLUE, CIRCLE, fit, GREEN, GREY, HALO, legend_below, new_figure, ORANGE, plane_axes,
-    RED)
+    BLACK,
+    BLUE,
+    CIRCLE,
+    fit,
+    GREEN,
+    GREY,
+    HALO,
+    legend_below,
+    new_figure,
+    ORANGE,
+    plane_axes,
+    RED,
+)
 
 
 def posture_figure(arm, joint_angles):

@@ -8,7 +8,14 @@ from kinopt_ros.kinetostatics.index import kinetostatic_index
 from kinopt_ros.kinetostatics.seam import place_seam
 from kinopt_ros.tools.pictures.postures import draw_arm
 from kinopt_ros.tools.pictures.style import (
-    CIRCLE, fit, GREY, legend_below, new_figure, plane_axes, RED)
+    CIRCLE,
+    fit,
+    GREY,
+    legend_below,
+    new_figure,
+    plane_axes,
+    RED,
+)
 
 
 def seam_figure(arm, optimum, length, tool_angle):

@@ -5,7 +5,12 @@ import math
 import numpy as np
 
 from kinopt_ros.kinetostatics.isotropic_sets import (
-    centroid, regular_polygon, rotated, second_moment, union)
+    centroid,
+    regular_polygon,
+    rotated,
+    second_moment,
+    union,
+)
 from kinopt_ros.tools.pictures.style import BLACK, BLUE, fit, new_figure, ORANGE, plane_axes
 
 _MARKERS = [('o', BLUE), ('s', ORANGE)]

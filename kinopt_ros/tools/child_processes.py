@@ -1,0 +1,86 @@
+"""The nodes of this package as child processes, which end with the command that started them."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+from kinopt_ros.tools.private_domain import reserve_domain
+
+# How long (s) a child may take to end.
+PATIENCE = 10.0
+
+# The very package that this process runs, wherever its executables are installed.
+_CODE = ('import sys; sys.path[:] = {path!r}; from kinopt_ros.executables import {name}; '
+         'sys.exit({name}())')
+
+
+def use_private_domain():
+    """Let this process and its children hear nobody else, and nobody else hear them."""
+    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+    os.environ['ROS_DOMAIN_ID'] = str(reserve_domain())
+
+
+class ChildProcesses:
+    """
+    Start nodes as processes, and stop them all at the end of the context.
+
+    Within the context SIGTERM raises KeyboardInterrupt as SIGINT does, so that neither leaves a
+    child behind.
+    """
+
+    def __init__(self):
+        self._processes = []
+
+    def start(self, name, *ros_arguments):
+        """
+        Start a node.
+
+        Parameters
+        ----------
+        name : str
+            A function of `kinopt_ros.executables`.
+        ros_arguments : str
+            What follows --ros-args.
+        """
+        self._processes.append((name, subprocess.Popen(
+            [sys.executable, '-c', _CODE.format(path=sys.path, name=name),
+             '--ros-args', *ros_arguments],
+            # A Ctrl-C at the terminal is for this process, which then stops its children.
+            start_new_session=True)))
+
+    def check(self):
+        """Raise ChildProcessError if a child has ended by itself."""
+        for name, process in self._processes:
+            if process.poll() is not None:
+                raise ChildProcessError(f'{name} ended with status {process.returncode}')
+
+    @property
+    def failed(self):
+        """Names of the children that have ended with another status than 0."""
+        return [name for name, process in self._processes if process.poll()]
+
+    def __enter__(self):
+        self._sigterm = signal.signal(signal.SIGTERM, signal.default_int_handler)
+        return self
+
+    def __exit__(self, *_):
+        # From here on it ends in any case: a second signal would only leave children behind.
+        sigint = signal.signal(signal.SIGINT, signal.SIG_IGN)
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
+        self._stop()
+        signal.signal(signal.SIGINT, sigint)
+        signal.signal(signal.SIGTERM, self._sigterm)
+
+    def _stop(self):
+        for _, process in self._processes:
+            if process.poll() is None:
+                process.send_signal(signal.SIGINT)
+        deadline = time.monotonic() + PATIENCE
+        for _, process in self._processes:
+            try:
+                process.wait(timeout=max(0.0, deadline - time.monotonic()))
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
