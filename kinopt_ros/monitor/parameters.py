@@ -92,7 +92,8 @@ BEHAVIOUR_TABLE = (
         'Within 0..100; see z_max and margin_min.', (0.0, 100.0)),
     ParameterRow(
         'min_dwell', _DOUBLE, 0.0,
-        'Time in s since the last crossing before which a raised flag does not clear.', 'Within 0..3600.', (0.0, 3600.0)),
+        'Time in s since the last crossing before which a raised flag does not clear.',
+        'Within 0..3600.', (0.0, 3600.0)),
     ParameterRow(
         'stale_timeout', _DOUBLE, 0.5,
         'Time in s without a complete, fresh posture after which it is stale; also the age in s '

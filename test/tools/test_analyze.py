@@ -325,7 +325,8 @@ def test_undecodable_message_of_a_bag_is_told(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize('missing, words', [
-    ('rosbags.rosbag2', 'pip install rosbags'), ('kinopt_ros.tools.pictures.over_time', 'matplotlib')])
+    ('rosbags.rosbag2', 'pip install rosbags'),
+    ('kinopt_ros.tools.pictures.over_time', 'matplotlib')])
 def test_missing_extras_are_said_with_the_remedy(
         run, tmp_path, motion, monkeypatch, capsys, missing, words):
     bag = write_bag(tmp_path / 'bag', [(time, '/joint_states', NAMES, row)
