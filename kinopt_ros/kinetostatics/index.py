@@ -79,7 +79,7 @@ def kinetostatic_index(arm, joint_angles):
     Chablat and Angeles, section "The Posture-Dependent Conditioning Length of Planar
     n-Revolute Manipulators", eqs. "least-squares", "l_P", "z-l_P"; docs/mathematics.md.
     """
-    if _is_plain_posture(joint_angles, arm.n_joints):
+    if _is_plain_posture(joint_angles, arm.link_lengths):
         return _index(arm, joint_angles, _SCALAR)
     angles = checked_joint_angles(joint_angles, arm.n_joints)
     if angles.ndim == 1:
@@ -87,13 +87,13 @@ def kinetostatic_index(arm, joint_angles):
     return _index_of_many(arm, angles)
 
 
-def _is_plain_posture(joint_angles, n_joints):
+def _is_plain_posture(joint_angles, link_lengths):
     """
     Tell whether this is the cheap, common case: a list or tuple of n finite floats.
 
     A sum is finite only if all its terms are; whatever fails here is examined at leisure.
     """
-    if not isinstance(joint_angles, (list, tuple)) or len(joint_angles) != n_joints:
+    if not isinstance(joint_angles, (list, tuple)) or len(joint_angles) != len(link_lengths):
         return False
     try:
         return math.isfinite(sum(joint_angles))
@@ -114,22 +114,24 @@ def _index_of_many(arm, angles):
 def _index(arm, joint_angles, operations):
     """Evaluate the formulas of the module's head; joint angles along the first axis."""
     unit_vector, phase, norm = operations
-    last_link, *links = links_from_tip(arm.unit_lengths, joint_angles, unit_vector)
-    # The centred vectors do not depend on the last link. Measured from the last joint they
-    # keep their digits where that link is long.
-    from_last_joint = list(accumulate(links, initial=0.0))
-    n = len(from_last_joint)
-    mean = sum(from_last_joint) / n
-    centred = [vector - mean for vector in from_last_joint]
+    links = links_from_tip(arm.unit_lengths, joint_angles, unit_vector)
+    # The centred vectors do not depend on the last link. Measured from the last joint, the
+    # zero that is left out here, they keep their digits where that link is long.
+    joints = list(accumulate(links[1:]))
+    n = len(links)
+    joint_sum = sum(joints)
+    mean = joint_sum / n
     # Turned into its principal axes the block has the singular values as the norms of its
     # rows. The smaller is taken from its row: sqrt((P - |Q|) / 2) would lose its digits. The
     # larger then follows from s1^2 - s2^2 = |Q|, where nothing cancels.
-    squares = sum([vector * vector for vector in centred])
+    squares = sum([joint * joint for joint in joints]) - joint_sum * mean
     to_axes = unit_vector(-0.5 * phase(squares))
-    s2 = norm(*[(vector * to_axes).imag for vector in centred])
-    s1 = norm(s2, abs(squares) ** 0.5)
-    total = s1 + s2
-    r_squared = s1 * s1 + s2 * s2 + n * abs(mean + last_link) ** 2
+    middle = (mean * to_axes).imag
+    s2 = norm(middle, *[(joint * to_axes).imag - middle for joint in joints])
+    s2_squared = s2 * s2
+    s1_squared = s2_squared + abs(squares)
+    total = s1_squared ** 0.5 + s2
+    r_squared = s1_squared + s2_squared + n * abs(mean + links[0]) ** 2
     closeness = total * total / (2.0 * r_squared)
     return KinetostaticIndex(
         # At isotropy rounding can leave closeness just above 1, and z must not be negative.
