@@ -18,7 +18,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from kinopt_ros.kinetostatics.planar_arm import checked_joint_angles, links_from_tip, unit_vectors
+from kinopt_ros.kinetostatics.planar_arm import (
+    checked_joint_angles,
+    links_from_tip,
+    phase,
+    unit_vectors,
+)
 
 # Singular, to the rounding of the joint angles, is a posture with s2 below this fraction of s1.
 _SINGULAR = 1e-12
@@ -88,7 +93,7 @@ def index_gradient(arm, joint_angles):
 
 
 def _gradient_of_one(arm, angles):
-    block = _Block(arm, angles, _unit_vector, cmath.phase, math.hypot)
+    block = _Block(arm, angles, _unit_vector, phase, math.hypot)
     if block.s2 > _SINGULAR * block.s1:
         return block.gradients()
     return _at_crease(block)

@@ -58,7 +58,9 @@ def gradient_against(arm, joint_angles, model_set, mirror=False):
 
     # margin = q times the margin against the closest set, q = |w| / (sqrt(n) (s1 + s2)).
     of_closest = index_gradient(arm, joint_angles)
-    total = np.sqrt(2.0 * r_squared * (1.0 - np.expand_dims(closest.z, -1)))
+    # From l_P and not from 1 - z, which has no digits left where the last link is very long.
+    length = np.expand_dims(closest.conditioning_length, -1) / arm.longest_link
+    total = r_squared / (math.sqrt(n) * length)
     by_total = (by_r_squared * total / (2.0 * r_squared) - r_squared / total * of_closest.z)
     q = size / (math.sqrt(n) * total)
     by_q = by_size / (math.sqrt(n) * total) - q / total * by_total

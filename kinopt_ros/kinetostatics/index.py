@@ -48,7 +48,7 @@ class KinetostaticIndex(NamedTuple):
 
 class _Operations(NamedTuple):
     unit_vector: callable
-    phase: callable
+    polar: callable
     norm: callable
 
 
@@ -113,7 +113,7 @@ def _index_of_many(arm, angles):
 
 def _index(arm, joint_angles, operations):
     """Evaluate the formulas of the module's head; joint angles along the first axis."""
-    unit_vector, phase, norm = operations
+    unit_vector, polar, norm = operations
     links = links_from_tip(arm.unit_lengths, joint_angles, unit_vector)
     # The centred vectors do not depend on the last link. Measured from the last joint, the
     # zero that is left out here, they keep their digits where that link is long.
@@ -125,11 +125,12 @@ def _index(arm, joint_angles, operations):
     # rows. The smaller is taken from its row: sqrt((P - |Q|) / 2) would lose its digits. The
     # larger then follows from s1^2 - s2^2 = |Q|, where nothing cancels.
     squares = sum([joint * joint for joint in joints]) - joint_sum * mean
-    to_axes = unit_vector(-0.5 * phase(squares))
+    difference, phase = polar(squares)
+    to_axes = unit_vector(-0.5 * phase)
     middle = (mean * to_axes).imag
     s2 = norm(middle, *[(joint * to_axes).imag - middle for joint in joints])
     s2_squared = s2 * s2
-    s1_squared = s2_squared + abs(squares)
+    s1_squared = s2_squared + difference
     total = s1_squared ** 0.5 + s2
     r_squared = s1_squared + s2_squared + n * abs(mean + links[0]) ** 2
     closeness = total * total / (2.0 * r_squared)
@@ -140,9 +141,14 @@ def _index(arm, joint_angles, operations):
         s2 * total / r_squared)
 
 
+def _polar_of_arrays(values):
+    return np.abs(values), np.angle(values)
+
+
 def _norm_of_arrays(*components):
     return np.sqrt(sum(component * component for component in components))
 
 
-_SCALAR = _Operations(partial(cmath.rect, 1.0), cmath.phase, math.hypot)
-_ARRAY = _Operations(unit_vectors, np.angle, _norm_of_arrays)
+# Not cmath.phase: it raises where a phase underflows, at an angle of 5e-324 for instance.
+_SCALAR = _Operations(partial(cmath.rect, 1.0), cmath.polar, math.hypot)
+_ARRAY = _Operations(unit_vectors, _polar_of_arrays, _norm_of_arrays)

@@ -7,6 +7,7 @@ a product and the paper's matrix E, a quarter turn counterclockwise, is the fact
 
 from dataclasses import dataclass, field
 from itertools import accumulate
+import math
 from operator import mul
 
 import numpy as np
@@ -172,6 +173,11 @@ def links_from_tip(link_lengths, joint_angles, unit_vector):
 def unit_vectors(angles):
     """Unit vectors exp(i t) in the directions of an array of angles t in rad."""
     return np.exp(1j * angles)
+
+
+def phase(vector):
+    """Phase in rad of one vector; cmath's own raises OverflowError where it underflows to 0."""
+    return math.atan2(vector.imag, vector.real)
 
 
 def checked_link_lengths(link_lengths):

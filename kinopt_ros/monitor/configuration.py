@@ -5,6 +5,7 @@ Nothing here knows of a node: `Configuration.from_parameters` takes plain values
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 import math
 
 import numpy as np
@@ -19,6 +20,8 @@ from kinopt_ros.monitor.verdict import Thresholds
 
 # Value of z_max that stands for the least z over the singular postures of the arm.
 USE_Z_CRIT = -1.0
+# The threshold is this much lower, or rounding could leave the critical posture unflagged.
+Z_CRIT_SLACK = 1e-9
 
 # Offsets count turns at most; with this bound no finite position overflows when one is added.
 LARGEST_OFFSET = 1e6
@@ -193,7 +196,13 @@ class Configuration:
 
 
 def _z_max(value, planar_arm):
-    return z_crit(planar_arm) if value == USE_Z_CRIT else value
+    return _just_below_z_crit(planar_arm) if value == USE_Z_CRIT else value
+
+
+# Judged at every change of any parameter, and for twenty joints it takes most of a second.
+@lru_cache(maxsize=2)
+def _just_below_z_crit(planar_arm):
+    return z_crit(planar_arm) - Z_CRIT_SLACK
 
 
 def _model_set(kind, numbering, n):

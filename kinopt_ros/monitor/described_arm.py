@@ -64,6 +64,8 @@ class DescribedArm:
         if len(held) != len(positions):
             raise ValueError(f'parameter held_positions = {list(positions)}: must hold one value '
                              f'per held joint {list(held)}')
+        if len(set(held)) != len(held):
+            raise ValueError(f'parameter held_joints = {list(held)}: must not name a joint twice')
         return cls(base_link, tip_link, joint_names and tuple(joint_names), offset,
                    dict(zip(held, positions)))
 

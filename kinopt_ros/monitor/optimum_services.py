@@ -29,11 +29,6 @@ class OptimumServices:
     node : rclpy.node.Node
     monitor : PostureMonitor
         Tells the arm and its present posture.
-
-    Attributes
-    ----------
-    circle_radius : float or None
-        Radius in m of the conditioning circle of the arm; None while it is not known.
     """
 
     def __init__(self, node, monitor):
@@ -41,7 +36,8 @@ class OptimumServices:
         self._monitor = monitor
         self._solver = SolverProcess()
         self._latest_arm = self._announcement = None
-        self.circle_radius = None
+        # An arm with its radius in one piece, as the solver's thread writes it.
+        self._circle = (None, None)
         self._publisher = node.create_publisher(JointState, '~/optimal_posture', LATCHED)
         create_deferred_service(node, Trigger, '~/get_optimal_posture', self._on_trigger)
 
@@ -50,7 +46,7 @@ class OptimumServices:
         arm = self._monitor.configuration.arm
         if arm == self._latest_arm:
             return
-        self._latest_arm, self.circle_radius = arm, None
+        self._latest_arm = arm
         if self._announcement is not None:
             # Of several changes in a row only the last is worth solving for.
             self._announcement.cancel()
@@ -61,6 +57,12 @@ class OptimumServices:
         """End the solver."""
         self._latest_arm = None
         self._solver.close()
+
+    @property
+    def circle_radius(self):
+        """Radius in m of the conditioning circle of the arm; None while it is not known."""
+        arm, radius = self._circle
+        return radius if arm is self._latest_arm else None
 
     @property
     def is_busy(self):
@@ -87,7 +89,7 @@ class OptimumServices:
         if done.exception() is not None:
             self._node.get_logger().error(f'no optimal posture: {done.exception()}')
             return
-        self.circle_radius = done.result().circle_radius
+        self._circle = (arm, done.result().circle_radius)
         message = JointState(
             name=arm.joint_names, position=arm.joint_positions(done.result().joint_angles))
         message.header.stamp = self._node.get_clock().now().to_msg()

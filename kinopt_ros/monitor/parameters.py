@@ -80,7 +80,8 @@ BEHAVIOUR_TABLE = (
         'z_max', _DOUBLE, 0.9,
         'The flag rises when z exceeds this (the largest tolerable z). -1 stands for z_crit, the '
         'least z over the singular postures of the arm.',
-        'Within 0..1, or -1; (1 - z_max) (1 + hysteresis) below 1.', (-1.0, 1.0)),
+        'Within 0..1, or -1 for at most 20 joints; (1 - z_max) (1 + hysteresis) below 1.',
+        (-1.0, 1.0)),
     ParameterRow(
         'margin_min', _DOUBLE, 0.05,
         'The flag rises when the margin to singularity falls below this.',

@@ -98,10 +98,6 @@ class PostureAssembler:
         return tuple(name for name, received in zip(self._joint_names, self._received)
                      if received < oldest)
 
-    def oldest_reception(self):
-        """Time of reception (s) of the oldest position; -inf while one is missing."""
-        return min(self._received)
-
     def _learn_layout(self, names):
         """Find our joints in a list of names; publishers seldom change theirs."""
         self._layout_names = list(names)

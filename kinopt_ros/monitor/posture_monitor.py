@@ -103,7 +103,7 @@ class PostureMonitor:
             None if the message does not concern the arm or completes no posture.
         """
         configuration = self.configuration
-        if self._pause.may_predate(stamp, now):
+        if self._pause.may_predate(stamp, now, configuration.stale_timeout):
             return None
         try:
             posture = self._assembler.update(
@@ -122,7 +122,7 @@ class PostureMonitor:
         self._quiet_since = now
         self._is_stale = self._stale_since_posture = False
         self._history.add(stamp, posture)
-        self._pause.last_stamp = stamp
+        self._pause.note_accepted(stamp, now)
         return self._judge(posture, now)
 
     def on_time(self, now):
@@ -210,20 +210,13 @@ class PostureMonitor:
 
 
 class _Pause:
-    """
-    A pause of the whole process, and the messages that had waited for its end.
-
-    Attributes
-    ----------
-    last_stamp : float
-        Stamp in s of the latest accepted message.
-    """
+    """A pause of the whole process, and the messages that had waited for its end."""
 
     def __init__(self):
-        self.last_stamp = 0.0
         self._last_look = math.inf
-        self._length = 0.0
         self._settled_at = -math.inf
+        # By how much (s) the stamps run ahead of the clock, at most.
+        self._lead = None
 
     def ends(self, now, stale_timeout):
         """Look at the clock; tell whether the process has just come out of a pause."""
@@ -231,14 +224,22 @@ class _Pause:
         self._last_look = now
         if length <= stale_timeout + PAUSE_SLACK:
             return False
-        self._length = length
         self._settled_at = now + SETTLING_TIME
         return True
 
-    def may_predate(self, stamp, now):
-        """
-        Tell whether a message may have been sent before the end of the pause.
+    def note_accepted(self, stamp, now):
+        """Take the stamp (s) of a message in that is believed."""
+        lead = stamp - now
+        # Several publishers may go by several clocks: the one that runs ahead makes a message
+        # look oldest.
+        self._lead = lead if self._lead is None else max(self._lead, lead)
 
-        Not once things have settled, nor if its publisher's stamps went on as the pause did.
+    def may_predate(self, stamp, now, stale_timeout):
         """
-        return now < self._settled_at and not stamp - self.last_stamp > 0.5 * self._length
+        Tell whether a message may have waited for the end of a pause, and be stale by now.
+
+        Not once things have settled, nor if its stamp has gone on as the clock has.
+        """
+        if now >= self._settled_at:
+            return False
+        return self._lead is None or not now + self._lead - stamp <= stale_timeout

@@ -95,7 +95,7 @@ class SingularityMonitor(Node):
 
     def _wait_for_description(self, described_arm):
         self._verdict_without_arm = verdict_without_arm('waiting for robot_description')
-        self._steady_timer(1.0, self._publish_diagnostics)
+        waiting = self._steady_timer(1.0, self._publish_diagnostics)
         self._publish(self._verdict_without_arm)
         self._publish_diagnostics()
 
@@ -115,6 +115,9 @@ class SingularityMonitor(Node):
                 self._start_monitoring(subchain)
             except ValueError as error:
                 self.start_error = error
+            else:
+                # The heartbeat keeps the period from here on, and looks at the clock first.
+                waiting.cancel()
 
         self.create_subscription(String, 'robot_description', on_description, LATCHED)
 

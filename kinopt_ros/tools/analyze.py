@@ -12,8 +12,8 @@ import sys
 from rclpy.parameter import Parameter
 
 from kinopt_ros.monitor.configuration import Configuration
-from kinopt_ros.monitor.parameters import ARM_TABLE, DESCRIPTION_TABLE, MONITOR_TABLE
-from kinopt_ros.monitor.robot_description import planar_subchain_of
+from kinopt_ros.monitor.described_arm import arm_parameters, DescribedArm
+from kinopt_ros.monitor.parameters import DESCRIPTION_TABLE, MONITOR_TABLE
 from kinopt_ros.tools.parameter_file import parameters_of_file
 from kinopt_ros.tools.recordings import read_recording
 from kinopt_ros.tools.replay import replay, summary, write_csv
@@ -68,31 +68,26 @@ def configuration_of(options):
     if given.get('base_link') or given.get('tip_link'):
         given = {**_derived(given), **given}
     n = len(given.get('joint_names', ()))
-    defaults = {row.name: row.default(n, NODE) if callable(row.default) else row.default
-                for row in MONITOR_TABLE}
+    defaults = {row.name: _default(row, n) for row in MONITOR_TABLE}
     return Configuration.from_parameters({**defaults, **given})
+
+
+def _default(row, n_joints):
+    return row.default(n_joints, NODE) if callable(row.default) else row.default
 
 
 def _derived(given):
     """Parameters of the arm from a robot description."""
-    if not given.get('robot_description'):
+    values = {row.name: given.get(row.name, _default(row, 0)) for row in DESCRIPTION_TABLE}
+    if not values['robot_description']:
         raise ValueError('base_link and tip_link are links of a robot description: give it with '
                          '--robot-description')
-    subchain = planar_subchain_of(
-        given['robot_description'], given.get('base_link', ''), given.get('tip_link', ''),
-        given.get('joint_names'), given.get('tool_offset'), _held(given))
+    arm = DescribedArm.from_parameters(values, given.get('joint_names'))
+    subchain = arm.subchain(values['robot_description'])
     for name in subchain.tip_movers:
         print(f"warning: the operation point moves with joint '{name}', which is taken at 0",
               file=sys.stderr)
-    return {row.name: list(getattr(subchain, row.name)) for row in ARM_TABLE}
-
-
-def _held(given):
-    joints, positions = given.get('held_joints', []), given.get('held_positions', [])
-    if len(joints) != len(positions):
-        raise ValueError(f'parameter held_positions = {positions}: must hold one value for each '
-                         f'of held_joints = {joints}')
-    return dict(zip(joints, positions))
+    return arm_parameters(subchain)
 
 
 def _typed(row, value):

@@ -38,8 +38,11 @@ def main(args=None):
     except KeyboardInterrupt:
         print('\ninterrupted')
         return 0
+    except (ChildProcessError, TimeoutError) as error:
+        print(f'error: {error}', file=sys.stderr)
+        return 1
     if processes.failed:
-        print('error: a process of the demonstration failed', file=sys.stderr)
+        print(f'error: failed: {", ".join(processes.failed)}', file=sys.stderr)
         return 1
     return _draw(recording, options.picture)
 

@@ -1,5 +1,6 @@
 """Gradients of z and of the margin against finite differences of the index itself."""
 
+import itertools
 import math
 
 import numpy as np
@@ -176,3 +177,12 @@ def test_rejects_what_is_no_posture():
         index_gradient(arm, [0.0, 0.0])
     with pytest.raises(ValueError, match='must be finite'):
         index_gradient(arm, [0.0, math.nan, 0.0])
+
+
+def test_angles_that_underflow():
+    """Angles too small to have any effect are those of the stretched arm."""
+    arm = PlanarArm((1.0, 1.0, 1.0))
+    stretched = index_gradient(arm, [0.0, 0.0, 0.0])
+    for tiny in itertools.product([0.0, 5e-324, -5e-324, 1e-308], repeat=3):
+        gradient = index_gradient(arm, list(tiny))
+        np.testing.assert_allclose(gradient.z, stretched.z, atol=1e-12)

@@ -328,3 +328,16 @@ def test_bad_angles():
         index_against(ISOTROPIC, [0.0, math.nan, 1.0], EXAMPLE_1)
     with pytest.raises(ValueError, match='must be one posture'):
         closest_model_set(ISOTROPIC, np.zeros((2, 3)))
+
+
+def test_gradient_where_the_last_link_is_very_long():
+    """Where it is much longer than the others the margin falls with its square."""
+    angles, polygon = [0.3, 1.1, -0.7], model_polygon(3)
+    slopes = []
+    for length in (1e9, 1e12):
+        gradient = gradient_against(PlanarArm((1.0, 0.8, length)), angles, polygon)
+        assert np.isfinite(gradient.z).all()
+        slopes.append(gradient.margin[1] * length ** 2)
+    assert slopes[0] != 0.0
+    # The vectors r_i have lost twelve of their digits.
+    assert slopes[1] == pytest.approx(slopes[0], rel=1e-3)

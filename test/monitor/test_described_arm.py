@@ -13,7 +13,16 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Bool, String
-from support import assert_numbers, Bench, DEADLINE, expected_numbers, LENGTHS, NAMES, REGULAR
+from support import (
+    assert_numbers,
+    Bench,
+    DEADLINE,
+    expected_numbers,
+    LENGTHS,
+    NAMES,
+    NEVER_STALE,
+    REGULAR,
+)
 
 FIXTURES = Path(__file__).parents[1] / 'fixtures'
 LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE,
@@ -338,6 +347,18 @@ def test_bad_description_then_a_good_one(late, bad):
     assert_monitors_the_ur5(bench)
 
 
+def test_diagnostics_keep_their_own_period_once_the_arm_is_known(late):
+    bench = late.start(diagnostics_period=100.0, stale_timeout=NEVER_STALE)
+    bench.wait(lambda: bench.diagnostics, 'diagnostics')
+    late.describe(UR5)
+    assert_monitors_the_ur5(bench)
+    bench.wait_for_level(0)
+    heard = len(bench.diagnostics)
+    # Longer than the period while the description is awaited.
+    bench.linger(1.3)
+    assert len(bench.diagnostics) == heard
+
+
 def test_second_description_changes_nothing_and_says_so(late, capfd):
     late.describe(UR5)
     bench = late.start()
@@ -383,6 +404,9 @@ BAD_START = {
                     ['tool_offset', '[0.0, 1.0]']),
     'held joints': ({**UR5_LINKS, 'robot_description': UR5,
                      'held_joints': ['wrist_1_joint']}, ['held_positions']),
+    'joint held twice': ({**UR5_LINKS, 'robot_description': UR5,
+                          'held_joints': ['wrist_2_joint', 'wrist_2_joint'],
+                          'held_positions': [0.0, 1.0]}, ['held_joints', 'twice']),
     'unknown held joint': ({**UR5_LINKS, 'robot_description': UR5, 'held_joints': ['rail'],
                             'held_positions': [0.0]}, ['rail']),
     'number of lengths': ({**UR5_LINKS, 'robot_description': UR5,

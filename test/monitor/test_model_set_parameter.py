@@ -6,7 +6,12 @@ import math
 import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
-from support import assert_numbers, expected_numbers, LENGTHS, Numbers, REGULAR
+from support import assert_numbers, expected_numbers, LENGTHS, Numbers, parameter_values, REGULAR
+
+from kinopt_ros.kinetostatics.planar_arm import PlanarArm
+from kinopt_ros.kinetostatics.singular_postures import critical_posture
+from kinopt_ros.monitor.configuration import Configuration
+from kinopt_ros.monitor.posture_monitor import PostureMonitor
 
 FOUR = {'joint_names': ['a', 'b', 'c', 'd'], 'link_lengths': [0.7, 0.5, 0.4, 0.3]}
 MIRROR_OF_ISOTROPIC = [0.0, -2.0 * math.pi / 3.0, -5.0 * math.pi / 6.0]
@@ -174,6 +179,20 @@ def test_z_crit_flags_every_singular_posture(make_bench):
     numbers, flag = bench.cycle([0.2, 1.2, 2.0])
     assert numbers.z < threshold
     assert flag is False
+
+
+@pytest.mark.parametrize('lengths', [
+    LENGTHS, [1.0, 1.0, 1.0], [0.425, 0.39225, 0.09465], [1.0, 0.8, 0.6, 0.4]])
+def test_z_crit_flags_the_critical_posture_itself(lengths):
+    posture = critical_posture(PlanarArm(lengths)).joint_angles.tolist()
+    names = tuple('abcd'[:len(lengths)])
+    n = len(names)
+    configuration = Configuration.from_parameters(parameter_values(
+        joint_names=names, link_lengths=lengths, joint_offsets=[0.0] * n,
+        joint_directions=[1] * n, joint_lower=[-math.inf] * n, joint_upper=[math.inf] * n,
+        z_max=-1.0, margin_min=0.0))
+    verdict = PostureMonitor(configuration, 0.0).on_joint_state(list(names), posture, 0.0)
+    assert verdict.near_singularity
 
 
 def test_z_crit_follows_the_link_lengths(make_bench):

@@ -356,8 +356,8 @@ def test_no_answer_mixes_two_configurations(bench):
 def test_solver_killed_while_idle_is_replaced(bench):
     os.kill(solver_of(bench), signal.SIGKILL)
     answers = [bench.call(Trigger, 'get_optimal_posture') for _ in range(2)]
-    assert answers[0].success or answers[0].message
-    assert answers[1].success, answers[1].message
+    for answer in answers:
+        assert answer.success, answer.message
 
 
 @needs_proc
@@ -371,7 +371,7 @@ def test_solver_killed_over_a_request(bench):
     assert not asked.done()
     os.kill(pid, signal.SIGKILL)
     bench.wait(asked.done, 'an answer in spite of the death of the solver')
-    assert asked.result().success or 'solver' in asked.result().message
+    assert asked.result().success, asked.result().message
     assert set(ask(bench)) == KEYS
     assert has_ended(pid)
 

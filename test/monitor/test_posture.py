@@ -168,3 +168,56 @@ def test_no_numbers_survive_a_bad_message(monitor):
     assert monitor.verdict is verdict
     assert all(math.isnan(angle) for angle in monitor.joint_angles)
     assert (monitor.accepted, monitor.rejected) == (1, 1)
+
+
+# --- a pause of the whole process -----------------------------------------------------------
+
+PAUSE_END = 130.0
+
+
+@pytest.fixture
+def resumed(monitor):
+    """Give a monitor that judged messages stamped 1000 s ahead, then stood for 29 s."""
+    monitor.look(100.5)
+    monitor.on_joint_state(list(NAMES), [0.0, 1.0, 2.0], 100.9, stamp=1100.9)
+    monitor.look(101.0)
+    monitor.on_joint_state(list(NAMES), [0.0, 1.0, 2.0], 101.0, stamp=1101.0)
+    assert monitor.look(PAUSE_END).level == Level.STALE
+    return monitor
+
+
+@pytest.mark.parametrize('age', [28.9, 20.0, 10.0, TIMEOUT + 0.01])
+def test_message_that_waited_in_a_pause_is_not_believed(resumed, age):
+    """However late in the pause it was sent: it is older than the time-out."""
+    stamp = PAUSE_END - age + 1000.0
+    assert resumed.on_joint_state(list(NAMES), [0.0, 1.0, 2.0], PAUSE_END, stamp=stamp) is None
+    assert resumed.verdict.level == Level.STALE
+
+
+def test_fresh_message_is_believed_at_once_after_a_pause(resumed):
+    now = PAUSE_END + 0.01
+    verdict = resumed.on_joint_state(list(NAMES), [0.0, 1.0, 2.0], now, stamp=now + 1000.0)
+    assert verdict.level == Level.OK
+
+
+def test_message_without_stamp_waits_until_things_have_settled(resumed):
+    for now, level in ((PAUSE_END + 0.05, None), (PAUSE_END + 0.11, Level.OK)):
+        verdict = resumed.on_joint_state(list(NAMES), [0.0, 1.0, 2.0], now)
+        assert (verdict and verdict.level) == level
+
+
+def test_slow_clock_of_one_publisher_does_not_excuse_what_another_sent(resumed):
+    """A part's stamps are 900 s behind the other's; those of the other waited in the pause."""
+    now = PAUSE_END + 1.0
+    resumed.on_joint_state(list(NAMES), [0.0, 1.0, 2.0], now, stamp=now + 1000.0)
+    resumed.on_joint_state(['c'], [2.0], now, stamp=now + 100.0)
+    assert resumed.look(now + 20.0).level == Level.STALE
+    waited = now + 10.0 + 1000.0
+    assert resumed.on_joint_state(list(NAMES), [0.0, 1.0, 2.0], now + 20.0, stamp=waited) is None
+
+
+def test_what_waited_in_a_pause_before_the_first_posture_is_not_believed(monitor):
+    monitor.look(100.4)
+    assert monitor.look(PAUSE_END).level == Level.STALE
+    assert monitor.on_joint_state(
+        list(NAMES), [0.0, 1.0, 2.0], PAUSE_END, stamp=1.7e9) is None
