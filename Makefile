@@ -15,11 +15,12 @@ unexport PYTHONPATH LD_LIBRARY_PATH _ROS_WHEELS_BOOTSTRAP_COMPLETE
 unexport AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH RMW_IMPLEMENTATION ROS_LOCALHOST_ONLY
 export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 
-.PHONY: help setup demo test lint interfaces colcon clean
+.PHONY: help setup demo test bench lint interfaces colcon clean
 
 help:
 	@echo 'make demo        watch the monitor follow a simulated arm for 15 s'
 	@echo 'make test        run all tests'
+	@echo 'make bench       measure speed, latency and memory (some eight minutes)'
 	@echo 'make setup       prepare .venv with the package and its executables'
 	@echo 'make interfaces  build kinopt_interfaces into .venv (needs a C++ compiler)'
 	@echo 'make colcon      build with colcon and check what it installs'
@@ -33,6 +34,11 @@ demo: $(VENV)/.package
 
 test: $(VENV)/.package $(VENV)/.test $(if $(CXX_FOUND),$(VENV)/.interfaces)
 	@$(BIN)/python -m pytest $(PYTEST_ARGS)
+
+# The libraries to compare with are left out, with the reason, where they cannot be had.
+bench: $(VENV)/.test
+	-@$(PIP) --no-build-isolation '.[bench]'
+	@$(BIN)/python benchmark/run.py $(BENCH_ARGS)
 
 lint: $(VENV)/.test
 	@$(BIN)/ruff check

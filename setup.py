@@ -28,6 +28,8 @@ setup(
         'urdf': urdf,
         'bags': bags,
         'test': ['pytest', 'hypothesis', 'mpmath', 'scipy', 'ruff', *plot, *urdf, *bags],
+        # Two libraries that the index is compared with.
+        'bench': ['pin', 'roboticstoolbox-python'],
         'colcon': ['colcon-common-extensions'],
         # To build kinopt_interfaces without a ROS install.
         'interfaces': [

@@ -13,9 +13,10 @@ import platform
 import time
 import tracemalloc
 
+import numpy as np
+
 from kinopt_ros.kinetostatics.index import kinetostatic_index
 from kinopt_ros.kinetostatics.planar_arm import PlanarArm
-import numpy as np
 
 ARM = PlanarArm((1.0, 1.0, 1.0))
 TARGET_SECONDS = 1.5

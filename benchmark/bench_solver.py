@@ -16,12 +16,13 @@ import math
 import platform
 import time
 
-from kinopt_ros.kinetostatics.index import kinetostatic_index
-from kinopt_ros.kinetostatics.optimal_posture import optimal_posture
-from kinopt_ros.kinetostatics.planar_arm import PlanarArm
 import numpy as np
 import scipy
 from scipy.optimize import minimize
+
+from kinopt_ros.kinetostatics.index import kinetostatic_index
+from kinopt_ros.kinetostatics.optimal_posture import optimal_posture
+from kinopt_ros.kinetostatics.planar_arm import PlanarArm
 
 TARGET_MILLISECONDS = {3: 5.0, 4: 10.0, 5: 10.0, 6: 10.0, 8: math.inf, 12: 50.0}
 REPEATS = 3

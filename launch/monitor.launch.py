@@ -1,6 +1,6 @@
 """Start the singularity monitor: from a parameter file, or from a robot description."""
 
-from launch.actions import DeclareLaunchArgument
+from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.conditions import IfCondition
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
@@ -26,17 +26,21 @@ def generate_launch_description():
         DeclareLaunchArgument(
             'rviz', default_value='false', description='whether to start RViz too'),
     ]
-    monitor = Node(
-        package='kinopt_ros', executable='singularity_monitor', output='screen',
-        namespace=LaunchConfiguration('namespace'),
-        parameters=[
-            ParameterFile(LaunchConfiguration('params_file'), allow_substs=True),
-            {'robot_description': ParameterValue(
-                LaunchConfiguration('robot_description'), value_type=str)},
-        ])
     rviz = Node(
         package='rviz2', executable='rviz2',
         arguments=['-d', PathJoinSubstitution([config, 'monitor.rviz'])],
         namespace=LaunchConfiguration('namespace'),
         condition=IfCondition(LaunchConfiguration('rviz')))
-    return LaunchDescription([*arguments, monitor, rviz])
+    return LaunchDescription([*arguments, OpaqueFunction(function=start_monitor), rviz])
+
+
+def start_monitor(context):
+    """Give the monitor; an argument that is empty leaves the parameter file its say."""
+    parameters = [ParameterFile(LaunchConfiguration('params_file'), allow_substs=True)]
+    robot_description = LaunchConfiguration('robot_description')
+    if robot_description.perform(context):
+        parameters.append(
+            {'robot_description': ParameterValue(robot_description, value_type=str)})
+    return [Node(
+        package='kinopt_ros', executable='singularity_monitor', output='screen',
+        namespace=LaunchConfiguration('namespace'), parameters=parameters)]

@@ -26,6 +26,10 @@ def pytest_addoption(parser):
         '--executor', choices=('single', 'multi', 'events'),
         default=os.environ.get('KINOPT_TEST_EXECUTOR', 'single'),
         help='executor that spins the nodes (default: %(default)s, or $KINOPT_TEST_EXECUTOR)')
+    parser.addoption(
+        '--soak', type=float, default=1.0, metavar='FACTOR',
+        help='so many times as many messages, signals and examples in test/robustness (default: '
+             '%(default)s; 500 makes a million messages)')
 
 
 def pytest_unconfigure():
@@ -59,3 +63,58 @@ def _make_executor(name, context):
     if name == 'multi':
         return MultiThreadedExecutor(num_threads=2, context=context)
     return SingleThreadedExecutor(context=context)
+
+
+@pytest.fixture
+def soak(request):
+    """Give a function that lengthens a number of repetitions by the factor asked for."""
+    factor = request.config.getoption('--soak')
+    return lambda count: max(1, round(count * factor))
+
+
+@pytest.fixture
+def make_bench(context, executor):
+    """Give a factory of benches; arguments as of `support.Bench`."""
+    from support import Bench
+    benches = []
+
+    def make(*args, **options):
+        benches.append(Bench(context, executor, *args, **options))
+        return benches[-1]
+
+    yield make
+    for bench in reversed(benches):
+        bench.close()
+
+
+@pytest.fixture
+def bench(make_bench):
+    """Give a bench with the default arm, which does not become stale."""
+    return make_bench()
+
+
+@pytest.fixture
+def start():
+    """Give a factory of processes of the executable that all end with the test."""
+    from processes import EXECUTABLE, Process
+    if not EXECUTABLE.exists():
+        pytest.skip(f'the package is not installed beside this interpreter: no {EXECUTABLE}')
+    processes = []
+
+    def make(*arguments):
+        processes.append(Process(*arguments))
+        return processes[-1]
+
+    yield make
+    for process in processes:
+        process.kill_group()
+        process.popen.communicate()
+
+
+@pytest.fixture
+def feed(context, executor):
+    """Give a node that publishes joint states to the executable and hears z."""
+    from processes import Feed
+    feed = Feed(context, executor)
+    yield feed
+    feed.close()

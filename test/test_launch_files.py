@@ -40,6 +40,8 @@ class LaunchConfiguration:
         used.append(name)
     def __str__(self):
         return '$(' + self.name + ')'
+    def perform(self, context):
+        return context.get(self.name) or declared[self.name]['default']
 
 class FindPackageShare:
     def __init__(self, package):
@@ -77,14 +79,19 @@ class Node:
                         for p in parameters or ()],
             arguments=[text(a) for a in arguments or ()], conditional=condition is not None))
 
+class OpaqueFunction:
+    def __init__(self, *, function):
+        function(arguments)
+
 class LaunchDescription:
     def __init__(self, entities):
         self.entities = entities
 
 declared, used, nodes, included = {}, [], [], []
+arguments = dict(argument.split(':=', 1) for argument in sys.argv[2:])
 module('launch', LaunchDescription=LaunchDescription)
 module('launch.actions', DeclareLaunchArgument=DeclareLaunchArgument,
-       IncludeLaunchDescription=Include)
+       IncludeLaunchDescription=Include, OpaqueFunction=OpaqueFunction)
 module('launch.conditions', IfCondition=Wrapped, UnlessCondition=Wrapped)
 module('launch.substitutions', LaunchConfiguration=LaunchConfiguration,
        PathJoinSubstitution=PathJoinSubstitution)
@@ -101,10 +108,10 @@ print(json.dumps(dict(declared=declared, used=used, nodes=nodes, included=includ
 '''
 
 
-def asked_for(path):
-    """Give what a launch file declares, uses, starts and includes."""
-    done = subprocess.run([sys.executable, '-c', STUBS, str(path)], capture_output=True,
-                          text=True, timeout=30)
+def asked_for(path, *arguments):
+    """Give what a launch file declares, uses, starts and includes, with arguments name:=value."""
+    done = subprocess.run([sys.executable, '-c', STUBS, str(path), *arguments],
+                          capture_output=True, text=True, timeout=30)
     assert done.returncode == 0, done.stderr
     return yaml.safe_load(done.stdout)
 
@@ -169,8 +176,12 @@ def test_arguments_of_the_monitor():
     assert asked['declared']['rviz']['default'] == 'false'
     monitor, = (node for node in asked['nodes'] if node['executable'] == 'singularity_monitor')
     assert monitor['namespace'] == '$(namespace)'
-    assert '$(params_file)' in monitor['parameters']
-    assert {'robot_description': '$(robot_description)'} in monitor['parameters']
+    # Without the argument the parameter file has its say about the robot description.
+    assert monitor['parameters'] == ['$(params_file)']
+    asked = asked_for(ROOT / 'launch' / 'monitor.launch.py', 'robot_description:=<robot/>')
+    monitor, = (node for node in asked['nodes'] if node['executable'] == 'singularity_monitor')
+    assert monitor['parameters'] == [
+        '$(params_file)', {'robot_description': '$(robot_description)'}]
 
 
 def test_demo_starts_monitor_and_simulated_arm_with_one_configuration():

@@ -10,7 +10,6 @@ their principal axes, T = s1 + s2 and R = sum |r_i|^2. Then
 with <p, q> = Re(conj(p) q), and joint j turns r_i about P with all links from max(i, j) on.
 """
 
-import cmath
 from itertools import accumulate
 import math
 from operator import mul
@@ -21,7 +20,9 @@ import numpy as np
 from kinopt_ros.kinetostatics.planar_arm import (
     checked_joint_angles,
     links_from_tip,
+    norm_of_arrays,
     phase,
+    unit_vector,
     unit_vectors,
 )
 
@@ -81,7 +82,7 @@ def index_gradient(arm, joint_angles):
         return IndexGradient(*map(np.array, _gradient_of_one(arm, angles.tolist())))
     postures = angles.reshape(-1, arm.n_joints)
     z, margin = np.empty(postures.shape), np.empty(postures.shape)
-    block = _Block(arm, list(postures.T), unit_vectors, np.angle, _norm_of_arrays)
+    block = _Block(arm, list(postures.T), unit_vectors, np.angle, norm_of_arrays)
     singular = block.s2 <= _SINGULAR * block.s1
     block.s2 = np.where(singular, 1.0, block.s2)
     for whole, parts in zip((z, margin), block.gradients()):
@@ -93,7 +94,7 @@ def index_gradient(arm, joint_angles):
 
 
 def _gradient_of_one(arm, angles):
-    block = _Block(arm, angles, _unit_vector, phase, math.hypot)
+    block = _Block(arm, angles, unit_vector, phase, math.hypot)
     if block.s2 > _SINGULAR * block.s1:
         return block.gradients()
     return _at_crease(block)
@@ -205,11 +206,3 @@ def _steepest(stretches, flat):
     rest = 1.0 - sum(v * v for v in vector[1:])
     vector[0] = math.copysign(math.sqrt(max(rest, 0.0)), vector[0])
     return np.array(vector)
-
-
-def _unit_vector(angle):
-    return cmath.rect(1.0, angle)
-
-
-def _norm_of_arrays(*components):
-    return np.sqrt(sum(component * component for component in components))

@@ -11,14 +11,19 @@ that they form. Over every isotropic set that could serve as the model (not one 
 """
 
 import cmath
-from functools import partial
 from itertools import accumulate
 import math
 from typing import NamedTuple
 
 import numpy as np
 
-from kinopt_ros.kinetostatics.planar_arm import checked_joint_angles, links_from_tip, unit_vectors
+from kinopt_ros.kinetostatics.planar_arm import (
+    checked_joint_angles,
+    links_from_tip,
+    norm_of_arrays,
+    unit_vector,
+    unit_vectors,
+)
 
 # Postures per block of a batch: the working arrays of a block stay within a core's cache.
 _BLOCK = 8192
@@ -145,10 +150,6 @@ def _polar_of_arrays(values):
     return np.abs(values), np.angle(values)
 
 
-def _norm_of_arrays(*components):
-    return np.sqrt(sum(component * component for component in components))
-
-
 # Not cmath.phase: it raises where a phase underflows, at an angle of 5e-324 for instance.
-_SCALAR = _Operations(partial(cmath.rect, 1.0), cmath.polar, math.hypot)
-_ARRAY = _Operations(unit_vectors, _polar_of_arrays, _norm_of_arrays)
+_SCALAR = _Operations(unit_vector, cmath.polar, math.hypot)
+_ARRAY = _Operations(unit_vectors, _polar_of_arrays, norm_of_arrays)

@@ -5,6 +5,9 @@ import math
 
 import numpy as np
 
+# Beyond so many rad the turns of an angle lose the digits that an optimum is judged by.
+LARGEST_REFERENCE = 1e6
+
 _TURN = 2.0 * math.pi
 # Rounding of an angle that was brought to a limit.
 _SLACK = 1e-9
@@ -49,8 +52,9 @@ class JointLimits:
             if not (lower[i] <= upper[i] and lower[i] < math.inf and upper[i] > -math.inf):
                 raise ValueError(f'limits of joint {i + 1}: no angle lies within '
                                  f'lower[{i}] = {lower[i]} and upper[{i}] = {upper[i]}')
-            if not math.isfinite(reference[i]):
-                raise ValueError(f'reference[{i}] = {reference[i]}: must be finite')
+            if not abs(reference[i]) <= LARGEST_REFERENCE:
+                raise ValueError(f'reference[{i}] = {reference[i]}: must be finite, within '
+                                 f'+-{LARGEST_REFERENCE:g} rad')
         return cls(lower, upper, reference, wrapped)
 
     @property

@@ -1,7 +1,5 @@
 """Model sets: the isotropic sets of points that a posture is compared with."""
 
-import cmath
-from functools import partial
 from itertools import accumulate
 import math
 from operator import mul
@@ -12,15 +10,13 @@ import numpy as np
 from kinopt_ros.kinetostatics.index import kinetostatic_index
 from kinopt_ros.kinetostatics.isotropic_chains import checked_numbering
 from kinopt_ros.kinetostatics.isotropic_sets import regular_polygon
-from kinopt_ros.kinetostatics.planar_arm import links_from_tip, unit_vectors
+from kinopt_ros.kinetostatics.planar_arm import links_from_tip, unit_vector, unit_vectors
 
 # Largest error, relative to n, of the sums that define a model set: K may be typed by hand.
 _MODEL_SET_TOLERANCE = 1e-6
 
 # Postures per block of a batch.
 _BLOCK = 8192
-
-_UNIT_VECTOR = partial(cmath.rect, 1.0)
 
 
 class ModelSetIndex(NamedTuple):
@@ -90,7 +86,7 @@ def index_against(arm, joint_angles, model_set, mirror=False):
     closest = kinetostatic_index(arm, joint_angles)
     if isinstance(closest.z, float):
         z, length, alpha, mirrored = (value.item() for value in _index_of_block(
-            arm, joint_angles, model_set, mirror, _UNIT_VECTOR))
+            arm, joint_angles, model_set, mirror, unit_vector))
     else:
         postures = np.asarray(joint_angles, dtype=float).reshape(-1, arm.n_joints)
         blocks = [_index_of_block(

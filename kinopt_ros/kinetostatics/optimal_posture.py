@@ -3,12 +3,13 @@ The optimal posture of an arm: the one with the least index z, and the character
 
 Newton's method from many starts at once, a fixed low-discrepancy set, finds the optima; for
 short arms a subdivision of the joint space certifies that there is none better. Everything is
-deterministic and keeps no state; being NumPy, it holds the interpreter's lock for most of the
-time, so that a program with a deadline should call it in another process. docs/solver.md has
-the measurements.
+deterministic, and nothing is kept but the latest searches; being NumPy, it holds the interpreter's
+lock for most of the time, so that a program with a deadline should call it in another process.
+docs/solver.md has the measurements.
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 import math
 from typing import NamedTuple
 
@@ -19,6 +20,7 @@ from kinopt_ros.kinetostatics.descent import descend
 from kinopt_ros.kinetostatics.hessian import index_expansion
 from kinopt_ros.kinetostatics.index import kinetostatic_index
 from kinopt_ros.kinetostatics.joint_limits import JointLimits, wrapped
+from kinopt_ros.kinetostatics.low_discrepancy import kronecker_sequence
 from kinopt_ros.kinetostatics.model_set import closest_model_set
 from kinopt_ros.kinetostatics.planar_arm import PlanarArm
 
@@ -148,8 +150,8 @@ def optimal_posture(arm, lower=None, upper=None, reference=None, certify=None):
     if not isinstance(arm, PlanarArm):
         arm = PlanarArm(arm)
     limits = JointLimits.checked(arm.n_joints, lower, upper, reference)
-    descent = descend(arm, _starts(arm, limits), *limits.search_box)
-    optima = _distinct_optima(arm, limits, descent.angles, descent.converged)
+    found = _found(arm, *map(tuple, limits.search_box))
+    optima = _distinct_optima(arm, limits, found.optima.angles, found.optima.converged)
     if reference is not None and _in_a_family(arm, limits, optima):
         nearer = _drawn_to_reference(arm, limits, optima)
         optima = _distinct_optima(
@@ -158,8 +160,30 @@ def optimal_posture(arm, lower=None, upper=None, reference=None, certify=None):
     z = float(optima.index.z[0])
     if certify is None:
         certify = arm.n_joints <= _CERTIFIED_JOINTS or z < ISOTROPIC_Z
-    bound = certified_lower_bound(arm, *limits.search_box, z) if certify else None
-    return _result(arm, limits, optima, bound, descent)
+    bound = _bound(arm, *map(tuple, limits.search_box), z) if certify else None
+    return _result(arm, limits, optima, bound, found)
+
+
+class _Found(NamedTuple):
+    """What a search has found, whatever the reference."""
+
+    optima: tuple
+    starts: int
+    iterations: int
+
+
+# Who asks for an arm mostly asks again, with another reference: that needs no other search.
+@lru_cache(maxsize=16)
+def _found(arm, lower, upper):
+    box = JointLimits.checked(arm.n_joints, (-math.inf, *lower), (math.inf, *upper), None)
+    descent = descend(arm, _starts(arm, box), *box.search_box)
+    optima = _distinct_optima(arm, box, descent.angles, descent.converged)
+    return _Found(optima, len(descent.angles), descent.iterations)
+
+
+@lru_cache(maxsize=16)
+def _bound(arm, lower, upper, z):
+    return certified_lower_bound(arm, np.array(lower), np.array(upper), z)
 
 
 def _starts(arm, limits):
@@ -173,21 +197,12 @@ def _starts(arm, limits):
     limited = np.isfinite(lower)
     low, high = np.where(limited, lower, -math.pi), np.where(limited, upper, math.pi)
     spread = (high - low) * np.where(limited, 2.0, 1.0)
-    unit = _low_discrepancy(_SAMPLES, arm.n_joints - 2) - 0.5
+    unit = kronecker_sequence(_SAMPLES, arm.n_joints - 2) - 0.5
     others = np.clip((0.5 * (low + high))[:-1] + spread[:-1] * unit, lower[:-1], upper[:-1])
     last = _best_last_angle(arm, others, lower[-1], upper[-1])
     samples = np.column_stack([others, last])
     z = kinetostatic_index(arm, _with_first(0.0, samples)).z
     return samples[np.argsort(z, kind='stable')[:_STARTS]]
-
-
-def _low_discrepancy(count, dimensions):
-    """Additive recurrence on the unit cube, with powers of the root of x^(d+1) = x + 1."""
-    root = 1.5
-    for _ in range(64):
-        root = (1.0 + root) ** (1.0 / (dimensions + 1))
-    steps = root ** -np.arange(1.0, dimensions + 1.0)
-    return (0.5 + np.outer(np.arange(1, count + 1), steps)) % 1.0
 
 
 def _best_last_angle(arm, others, lower, upper):
@@ -283,7 +298,7 @@ def _drawn_to_reference(arm, limits, optima):
     reference = limits.reference[1:]
     good = optima.angles[_levels(optima.index.z, _SAME_Z) == 0]
     around = reference + _AROUND * (
-        2.0 * _low_discrepancy(_STARTS, len(reference)) - 1.0)
+        2.0 * kronecker_sequence(_STARTS, len(reference)) - 1.0)
     # At the weight they start with, members far from the reference all come to its vicinity.
     angles = np.concatenate([good[:_STARTS // 2], np.clip(around, *box),
                              np.clip(reference, *box)[None]])
@@ -292,7 +307,7 @@ def _drawn_to_reference(arm, limits, optima):
     return descend(arm, angles, *box)
 
 
-def _result(arm, limits, optima, bound, descent):
+def _result(arm, limits, optima, bound, found):
     first = limits.first_angle
     angles = wrapped(optima.angles) if limits.wrapped else optima.angles
     # A zero added leaves no negative zeros.
@@ -310,5 +325,5 @@ def _result(arm, limits, optima, bound, descent):
         alternatives=tuple(map(PostureAlternative, postures[1:], z[1:], margin[1:])),
         lower_bound=bound,
         converged=bool(optima.converged[0]),
-        starts=len(descent.angles),
-        iterations=descent.iterations)
+        starts=found.starts,
+        iterations=found.iterations)

@@ -5,7 +5,9 @@ Vectors of the plane are complex numbers x + i y throughout this package, so tha
 a product and the paper's matrix E, a quarter turn counterclockwise, is the factor i.
 """
 
+import cmath
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import accumulate
 import math
 from operator import mul
@@ -170,9 +172,17 @@ def links_from_tip(link_lengths, joint_angles, unit_vector):
     return links
 
 
+unit_vector = partial(cmath.rect, 1.0)
+
+
 def unit_vectors(angles):
     """Unit vectors exp(i t) in the directions of an array of angles t in rad."""
     return np.exp(1j * angles)
+
+
+def norm_of_arrays(*components):
+    """Norms of vectors given by arrays of their components."""
+    return np.sqrt(sum(component * component for component in components))
 
 
 def phase(vector):

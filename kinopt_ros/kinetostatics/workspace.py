@@ -17,6 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from kinopt_ros.kinetostatics.low_discrepancy import kronecker_sequence
 from kinopt_ros.kinetostatics.planar_arm import unit_vectors
 
 NEIGHBOURHOOD = math.radians(5.0)
@@ -141,7 +142,7 @@ def _torus_mean(arm, z_max, margin_min, samples, joint_angles_of):
     if samples < 1:
         raise ValueError(f'samples = {samples}: must be at least 1')
     shifts = np.random.default_rng(0).random((_SHIFTS, arm.n_joints - 2))
-    points = _kronecker_sequence(samples, arm.n_joints - 2)
+    points = kronecker_sequence(samples, arm.n_joints - 2)
     return np.array([
         np.mean(_unflagged_arc(arm, z_max, margin_min, joint_angles_of((points + shift) % 1.0)))
         for shift in shifts])
@@ -181,15 +182,6 @@ def _unflagged_arc(arm, z_max, margin_min, inner_angles):
         last, rho = arm.unit_lengths[-1], np.abs(joints[:, -1])
         cosine = (largest_m_squared - last * last - rho * rho) / (2.0 * last * rho)
     return 1.0 - np.arccos(np.clip(cosine, -1.0, 1.0)) / math.pi
-
-
-def _kronecker_sequence(count, dimensions):
-    """Give points of the unit cube: multiples of powers of the generalised golden ratio."""
-    ratio = 2.0
-    for _ in range(64):
-        ratio = (1.0 + ratio) ** (1.0 / (dimensions + 1))
-    steps = ratio ** -np.arange(1.0, dimensions + 1)
-    return np.arange(1, count + 1)[:, np.newaxis] * steps % 1.0
 
 
 def _estimate(values):

@@ -24,7 +24,7 @@ USE_Z_CRIT = -1.0
 Z_CRIT_SLACK = 1e-9
 
 # Offsets count turns at most; with this bound no finite position overflows when one is added.
-LARGEST_OFFSET = 1e6
+LARGEST_OFFSET = 1e5
 
 
 @dataclass(frozen=True)

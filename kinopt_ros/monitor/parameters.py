@@ -60,7 +60,7 @@ ARM_TABLE = (
     ParameterRow(
         'joint_offsets', _DOUBLES, lambda n, _: [0.0] * n,
         'Offsets in rad: theta_i = direction_i * position_i + offset_i.',
-        'One per joint, within +-1e6.'),
+        'One per joint, within +-1e5.'),
     ParameterRow(
         'joint_directions', Parameter.Type.INTEGER_ARRAY, lambda n, _: [1] * n,
         'Directions: theta_i = direction_i * position_i + offset_i.',

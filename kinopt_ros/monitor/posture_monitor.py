@@ -6,6 +6,7 @@ The monitor without ROS: joint states and time in, verdicts out.
 
 import math
 
+from kinopt_ros.kinetostatics.joint_limits import LARGEST_REFERENCE
 from kinopt_ros.monitor.motion import motion_at, PositionHistory, UNKNOWN_MOTION
 from kinopt_ros.monitor.posture import BadJointStateError, PostureAssembler
 from kinopt_ros.monitor.verdict import (
@@ -144,7 +145,9 @@ class PostureMonitor:
     @property
     def reference_positions(self):
         """Measured positions (rad) near which an optimum is wanted: the present ones, or 0."""
-        return self.positions if self.knows_posture else (0.0,) * len(self.positions)
+        known = self.knows_posture and all(
+            abs(position) < 0.5 * LARGEST_REFERENCE for position in self.positions)
+        return self.positions if known else (0.0,) * len(self.positions)
 
     @property
     def joint_angles(self):
