@@ -1,6 +1,7 @@
 """The interfaces of kinopt_interfaces on the node, and the node without them."""
 
 import math
+from pathlib import Path
 import statistics
 import subprocess
 import sys
@@ -345,7 +346,7 @@ context.try_shutdown()
 
 
 def test_node_without_the_package_says_so_once_and_works():
-    folder = __file__.rpartition('/')[0]
+    folder = str(Path(__file__).parent.parent)
     done = subprocess.run([sys.executable, '-c', WITHOUT.format(folder=folder)],
                           capture_output=True, text=True, timeout=60)
     assert done.returncode == 0, done.stderr

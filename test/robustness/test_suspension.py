@@ -38,6 +38,9 @@ def linger(feed, seconds):
 
 def pause(feed, process, positions, seconds):
     """Stop the process for longer than the time-out, with messages coming at first."""
+    # A verdict that is just being published when the process stops is of fresh data, and comes
+    # out when it goes on: let there be none.
+    linger(feed, 0.03)
     process.popen.send_signal(signal.SIGSTOP)
     linger(feed, 0.02)
     for _ in range(QUEUED):
