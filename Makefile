@@ -4,6 +4,9 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 VERSION := $(shell $(PYTHON) -c 'import sys; print("%d.%d" % sys.version_info[:2])')
+ifeq ($(VERSION),)
+$(error PYTHON=$(PYTHON) does not run)
+endif
 PIP := $(BIN)/python -m pip --disable-pip-version-check -qq install --constraint constraints.txt
 SOURCES := $(shell find kinopt_ros config launch resource -type f -not -name '*.pyc') \
 	setup.py setup.cfg package.xml

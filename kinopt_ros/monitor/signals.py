@@ -3,7 +3,7 @@
 import os
 import signal
 
-_NUMBERS = (signal.SIGINT, signal.SIGTERM)
+NUMBERS = (signal.SIGINT, signal.SIGTERM)
 
 
 def end_at_once():
@@ -29,5 +29,5 @@ def ignore():
 
 
 def _handle(handler):
-    for number in _NUMBERS:
+    for number in NUMBERS:
         signal.signal(number, handler)

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 
+from kinopt_ros.monitor import signals
 from kinopt_ros.tools.private_domain import reserve_domain
 
 # How long (s) a child may take to end.
@@ -26,8 +27,8 @@ class ChildProcesses:
     """
     Start nodes as processes, and stop them all at the end of the context.
 
-    Within the context SIGTERM raises KeyboardInterrupt as SIGINT does, so that neither leaves a
-    child behind.
+    Within the context SIGINT and SIGTERM are noted, and `check` raises KeyboardInterrupt for
+    them: raised at any moment, it could get lost in a callback that swallows it.
     """
 
     def __init__(self):
@@ -51,7 +52,9 @@ class ChildProcesses:
             start_new_session=True)))
 
     def check(self):
-        """Raise ChildProcessError if a child has ended by itself."""
+        """Raise KeyboardInterrupt after a signal, ChildProcessError if a child has ended."""
+        if self._interruptions:
+            raise KeyboardInterrupt
         for name, process in self._processes:
             if process.poll() is not None:
                 raise ChildProcessError(f'{name} ended with status {process.returncode}')
@@ -62,16 +65,16 @@ class ChildProcesses:
         return [name for name, process in self._processes if process.poll()]
 
     def __enter__(self):
-        self._sigterm = signal.signal(signal.SIGTERM, signal.default_int_handler)
+        self._handlers = {number: signal.getsignal(number) for number in signals.NUMBERS}
+        self._interruptions = signals.take_note()
         return self
 
     def __exit__(self, *_):
         # From here on it ends in any case: a second signal would only leave children behind.
-        sigint = signal.signal(signal.SIGINT, signal.SIG_IGN)
-        signal.signal(signal.SIGTERM, signal.SIG_IGN)
+        signals.ignore()
         self._stop()
-        signal.signal(signal.SIGINT, sigint)
-        signal.signal(signal.SIGTERM, self._sigterm)
+        for number, handler in self._handlers.items():
+            signal.signal(number, handler)
 
     def _stop(self):
         for _, process in self._processes:

@@ -259,7 +259,16 @@ def test_child_that_does_not_end_is_killed(monkeypatch):
     handlers = signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)
     with ChildProcesses() as processes:
         processes.start('simulated_arm')
-        assert signal.getsignal(signal.SIGTERM) is signal.default_int_handler
     # No child is left, and the signals mean what they did.
     ended(processes)
     assert (signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)) == handlers
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_signal_is_met_at_the_next_check(number):
+    with ChildProcesses() as processes:
+        processes.check()
+        # Wherever it arrives, it raises nothing there.
+        os.kill(os.getpid(), number)
+        with pytest.raises(KeyboardInterrupt):
+            processes.check()
