@@ -1,6 +1,6 @@
 """The picture of an index over time: z, margin and flag."""
 
-from kinopt_ros.tools.pictures.style import BLUE, GREY, HALO, new_figure, ORANGE
+from kinopt_ros.tools.pictures.style import BLUE, GREY, new_figure, ORANGE
 
 
 def over_time_figure(rows, thresholds, title):
@@ -37,8 +37,9 @@ def _draw(axes, times, values, flags, threshold, threshold_name):
                       label='flag: near singularity')
     axes.plot(times, values, color=BLUE, linewidth=1.8, label='value')
     axes.axhline(threshold, color=GREY, linestyle='--', linewidth=1.2, label='threshold')
-    axes.text(0.005, threshold + 0.02, f'{threshold_name} = {threshold:g}',
-              transform=axes.get_yaxis_transform(), fontsize=9, path_effects=HALO)
+    # Beside the axes, where it covers nothing.
+    axes.text(1.01, threshold, f'{threshold_name}\n= {threshold:g}', va='center',
+              transform=axes.get_yaxis_transform(), fontsize=9)
     axes.set_ylim(-0.03, 1.03)
     axes.margins(x=0.0)
     axes.grid(True)
