@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from kinopt_ros.kinetostatics.index import kinetostatic_index
+from kinopt_ros.kinetostatics.planar_arm import phase
 
 # The search starts from a grid over all places in reach and zooms in on the best.
 _GRID = 61
@@ -85,7 +86,7 @@ def trace_seam(arm, start, end, tool_angle, elbow=1, samples=201):
     along = np.linspace(0.0, 1.0, samples)
     direction = (end - start) / length
     angles = _inverse_kinematics(
-        arm, start + along * (end - start), cmath.phase(direction) + tool_angle, elbow)
+        arm, start + along * (end - start), phase(direction) + tool_angle, elbow)
     reached = np.isfinite(angles).all(axis=-1)
     if not reached.all():
         where = along[np.argmin(reached)] * length

@@ -131,7 +131,6 @@ class Configuration:
         Most markers per second.
     base_frame : str
         Frame of the markers.
-    hardware_id : str
     """
 
     arm: MeasuredArm
@@ -142,7 +141,6 @@ class Configuration:
     diagnostics_period: float
     marker_rate: float
     base_frame: str
-    hardware_id: str
 
     @classmethod
     def from_parameters(cls, values):
@@ -165,8 +163,7 @@ class Configuration:
                 diagnostics_period=_duration('diagnostics_period', values['diagnostics_period'],
                                              zero=True),
                 marker_rate=values['marker_rate'],
-                base_frame=values['base_frame'],
-                hardware_id=values['hardware_id'])
+                base_frame=values['base_frame'])
         except ValueError as error:
             raise ValueError(f'parameter {error}') from error
 

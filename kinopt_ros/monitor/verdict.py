@@ -115,7 +115,7 @@ class ProximityFlag:
     raised: bool = False
     causes: tuple = ()
     crossed: bool = False
-    _last_cause: float = field(default=-math.inf, repr=False)
+    _last_raised: float = field(default=-math.inf, repr=False)
 
     def update(self, index, thresholds, now):
         """
@@ -142,13 +142,13 @@ class ProximityFlag:
 
     def raise_at(self, now, causes=()):
         """Raise the flag, or keep it raised, for the causes given."""
-        self._last_cause = now
+        self._last_raised = now
         self.raised = True
         self.causes = causes
 
     def _hold_or_clear(self, thresholds, index, now):
         self.causes = thresholds.not_cleared(index)
-        if not self.causes and now - self._last_cause < thresholds.min_dwell:
+        if not self.causes and now - self._last_raised < thresholds.min_dwell:
             self.causes = ('min_dwell',)
         self.raised = bool(self.causes)
 

@@ -193,12 +193,10 @@ def main(args=None):
 def _draw(rows, thresholds, options):
     try:
         from kinopt_ros.tools.pictures.over_time import over_time_figure
-        from kinopt_ros.tools.pictures.style import save, styled
+        from kinopt_ros.tools.pictures.style import draw
     except ImportError as error:
         return _fail(f'no picture without matplotlib: pip install matplotlib ({error})')
-    options.picture.parent.mkdir(parents=True, exist_ok=True)
-    with styled():
-        save(over_time_figure(rows, thresholds, options.recording.name), options.picture)
+    draw(options.picture, over_time_figure, rows, thresholds, options.recording.name)
     print(f'picture        {options.picture}')
     return 0
 

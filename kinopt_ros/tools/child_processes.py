@@ -87,3 +87,35 @@ class ChildProcesses:
             except subprocess.TimeoutExpired:
                 process.kill()
                 process.wait()
+
+
+def run_with_children(work, finish):
+    """
+    Do something with children, and something with the result once they have ended.
+
+    Parameters
+    ----------
+    work : callable
+        Takes the ChildProcesses, gives the result.
+    finish : callable
+        Takes the result, gives the exit status.
+
+    Returns
+    -------
+    status : int
+        That of `finish`; 0 after a signal, 1 if a child or a deadline failed, which is told in
+        one line on stderr.
+    """
+    try:
+        with ChildProcesses() as processes:
+            result = work(processes)
+    except KeyboardInterrupt:
+        print('\ninterrupted')
+        return 0
+    except (ChildProcessError, TimeoutError) as error:
+        print(f'error: {error}', file=sys.stderr)
+        return 1
+    if processes.failed:
+        print(f'error: failed: {", ".join(processes.failed)}', file=sys.stderr)
+        return 1
+    return finish(result)

@@ -7,7 +7,7 @@ import sys
 import time
 
 from kinopt_ros.monitor.verdict import Thresholds
-from kinopt_ros.tools.child_processes import ChildProcesses, use_private_domain
+from kinopt_ros.tools.child_processes import run_with_children, use_private_domain
 from kinopt_ros.tools.recorder import Recorder
 
 JOINT_NAMES = ['joint_1', 'joint_2', 'joint_3']
@@ -30,21 +30,13 @@ def main(args=None):
     use_private_domain()
     arm = ['-p', f'joint_names:=[{", ".join(JOINT_NAMES)}]',
            '-p', f'link_lengths:=[{", ".join(map(repr, LINK_LENGTHS))}]']
-    try:
-        with ChildProcesses() as processes:
-            processes.start('singularity_monitor', *arm)
-            processes.start('simulated_arm', *arm)
-            recording = _watch(options.seconds, processes)
-    except KeyboardInterrupt:
-        print('\ninterrupted')
-        return 0
-    except (ChildProcessError, TimeoutError) as error:
-        print(f'error: {error}', file=sys.stderr)
-        return 1
-    if processes.failed:
-        print(f'error: failed: {", ".join(processes.failed)}', file=sys.stderr)
-        return 1
-    return _draw(recording, options.picture)
+
+    def watch(processes):
+        processes.start('singularity_monitor', *arm)
+        processes.start('simulated_arm', *arm)
+        return _watch(options.seconds, processes)
+
+    return run_with_children(watch, lambda recording: _draw(recording, options.picture))
 
 
 def _watch(seconds, processes):
@@ -78,12 +70,10 @@ def _line(rows):
 def _draw(recording, path):
     try:
         from kinopt_ros.tools.pictures.over_time import over_time_figure
-        from kinopt_ros.tools.pictures.style import save, styled
+        from kinopt_ros.tools.pictures.style import draw
     except ImportError as error:
         print(f'error: no picture without matplotlib ({error})', file=sys.stderr)
         return 1
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with styled():
-        save(over_time_figure(recording, Thresholds(), TITLE), path)
+    draw(path, over_time_figure, recording, Thresholds(), TITLE)
     print(f'picture: {path}')
     return 0

@@ -24,7 +24,7 @@ from std_msgs.msg import Bool, Float64, Float64MultiArray
 
 from kinopt_ros.kinetostatics.planar_arm import PlanarArm
 from kinopt_ros.monitor.verdict import Thresholds
-from kinopt_ros.tools.child_processes import ChildProcesses, use_private_domain
+from kinopt_ros.tools.child_processes import run_with_children, use_private_domain
 from kinopt_ros.tools.resolved_rate import LineFollower
 
 JOINT_NAMES = ['joint_1', 'joint_2', 'joint_3', 'joint_4']
@@ -164,22 +164,18 @@ def main(args=None):
     use_private_domain()
     arm = ['-p', f'joint_names:=[{", ".join(JOINT_NAMES)}]',
            '-p', f'link_lengths:=[{", ".join(map(repr, ARM.link_lengths))}]']
-    try:
-        with ChildProcesses() as processes:
-            for namespace in ('plain', 'descending'):
-                processes.start('singularity_monitor', '-r', f'__ns:=/{namespace}', *arm)
-            plain, descending = _run(options.seconds, processes)
-    except KeyboardInterrupt:
-        print('\ninterrupted')
-        return 0
-    except (ChildProcessError, TimeoutError) as error:
-        print(f'error: {error}', file=sys.stderr)
-        return 1
-    if processes.failed:
-        print(f'error: failed: {", ".join(processes.failed)}', file=sys.stderr)
-        return 1
+
+    def follow(processes):
+        for namespace in ('plain', 'descending'):
+            processes.start('singularity_monitor', '-r', f'__ns:=/{namespace}', *arm)
+        return _run(options.seconds, processes)
+
+    return run_with_children(follow, lambda arms: _report(*arms, options.picture))
+
+
+def _report(plain, descending, path):
     print(_table(plain, descending))
-    return _draw(plain, descending, options.picture)
+    return _draw(plain, descending, path)
 
 
 def _run(duration, processes):
@@ -250,12 +246,10 @@ def _table(plain, descending):
 def _draw(plain, descending, path):
     try:
         from kinopt_ros.tools.pictures.null_space import null_space_figure
-        from kinopt_ros.tools.pictures.style import save, styled
+        from kinopt_ros.tools.pictures.style import draw
     except ImportError as error:
         print(f'error: no picture without matplotlib ({error})', file=sys.stderr)
         return 1
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with styled():
-        save(null_space_figure(ARM, plain, descending, Thresholds()), path)
+    draw(path, null_space_figure, ARM, plain, descending, Thresholds())
     print(f'picture: {path}')
     return 0

@@ -82,6 +82,13 @@ def save(figure, path):
         raise ValueError(f'file {path}: its name must end with .png or .svg')
 
 
+def draw(path, figure_of, *arguments):
+    """Make a figure in the common style and write it to a path, with the folders it needs."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with styled():
+        save(figure_of(*arguments), path)
+
+
 def plane_axes(axes, unit='m', ticks=6):
     """Make axes show the plane of the arm at equal scales."""
     axes.set_aspect('equal', adjustable='box')
