@@ -157,7 +157,6 @@ def test_odd_parameter_file(start, tmp_path, text):
 
 
 RUN = """
-import os
 import signal
 import sys
 import rclpy
@@ -166,7 +165,8 @@ from std_msgs.msg import Float64
 from kinopt_ros.monitor import process
 
 def interrupted():
-    os.kill(os.getpid(), signal.SIGINT)
+    # Of a signal to the whole process another thread may take note, and later than the error.
+    signal.raise_signal(signal.SIGINT)
     {error}
 
 def defective():
