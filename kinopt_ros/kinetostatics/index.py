@@ -11,7 +11,6 @@ that they form. Over every isotropic set that could serve as the model (not one 
 """
 
 import cmath
-from itertools import accumulate
 import math
 from typing import NamedTuple
 
@@ -20,7 +19,6 @@ import numpy as np
 from kinopt_ros.kinetostatics.planar_arm import (
     checked_joint_angles,
     links_from_tip,
-    norm_of_arrays,
     unit_vector,
     unit_vectors,
 )
@@ -54,7 +52,7 @@ class KinetostaticIndex(NamedTuple):
 class _Operations(NamedTuple):
     unit_vector: callable
     polar: callable
-    norm: callable
+    sqrt: callable
 
 
 def kinetostatic_index(arm, joint_angles):
@@ -117,32 +115,45 @@ def _index_of_many(arm, angles):
 
 
 def _index(arm, joint_angles, operations):
-    """Evaluate the formulas of the module's head; joint angles along the first axis."""
-    unit_vector, polar, norm = operations
-    links = links_from_tip(arm.unit_lengths, joint_angles, unit_vector)
+    """
+    Evaluate the formulas of the module's head; joint angles along the first axis.
+
+    Plain loops: between two messages an interpreter leaves the caches of its core, and then
+    every further function that a posture goes through costs more than the arithmetic.
+    """
+    unit_vector, polar, sqrt = operations
+    last_link, *links = links_from_tip(arm.unit_lengths, joint_angles, unit_vector)
     # The centred vectors do not depend on the last link. Measured from the last joint, the
     # zero that is left out here, they keep their digits where that link is long.
-    joints = list(accumulate(links[1:]))
-    n = len(links)
-    joint_sum = sum(joints)
+    joints = []
+    joint = joint_sum = square_sum = 0.0
+    for link in links:
+        joint = joint + link
+        joints.append(joint)
+        joint_sum = joint_sum + joint
+        square_sum = square_sum + joint * joint
+    n = len(joints) + 1
     mean = joint_sum / n
     # Turned into its principal axes the block has the singular values as the norms of its
     # rows. The smaller is taken from its row: sqrt((P - |Q|) / 2) would lose its digits. The
     # larger then follows from s1^2 - s2^2 = |Q|, where nothing cancels.
-    squares = sum([joint * joint for joint in joints]) - joint_sum * mean
-    difference, phase = polar(squares)
+    difference, phase = polar(square_sum - joint_sum * mean)
     to_axes = unit_vector(-0.5 * phase)
     middle = (mean * to_axes).imag
-    s2 = norm(middle, *[(joint * to_axes).imag - middle for joint in joints])
-    s2_squared = s2 * s2
+    s2_squared = middle * middle
+    for joint in joints:
+        across = (joint * to_axes).imag - middle
+        s2_squared = s2_squared + across * across
     s1_squared = s2_squared + difference
-    total = s1_squared ** 0.5 + s2
-    r_squared = s1_squared + s2_squared + n * abs(mean + links[0]) ** 2
+    s2 = sqrt(s2_squared)
+    total = sqrt(s1_squared) + s2
+    centroid = mean + last_link
+    r_squared = s1_squared + s2_squared + n * (centroid * centroid.conjugate()).real
     closeness = total * total / (2.0 * r_squared)
     return KinetostaticIndex(
         # At isotropy rounding can leave closeness just above 1, and z must not be negative.
         abs(1.0 - closeness),
-        arm.longest_link * r_squared / (math.sqrt(n) * total),
+        arm.longest_link * r_squared / (sqrt(n) * total),
         s2 * total / r_squared)
 
 
@@ -151,5 +162,5 @@ def _polar_of_arrays(values):
 
 
 # Not cmath.phase: it raises where a phase underflows, at an angle of 5e-324 for instance.
-_SCALAR = _Operations(unit_vector, cmath.polar, math.hypot)
-_ARRAY = _Operations(unit_vectors, _polar_of_arrays, norm_of_arrays)
+_SCALAR = _Operations(unit_vector, cmath.polar, math.sqrt)
+_ARRAY = _Operations(unit_vectors, _polar_of_arrays, np.sqrt)

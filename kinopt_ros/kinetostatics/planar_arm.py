@@ -10,7 +10,6 @@ from dataclasses import dataclass, field
 from functools import partial
 from itertools import accumulate
 import math
-from operator import mul
 
 import numpy as np
 
@@ -167,7 +166,11 @@ def links_from_tip(link_lengths, joint_angles, unit_vector):
     links : list of n complex numbers or arrays, in the unit of the link lengths
         Their partial sums are r_n ... r_1.
     """
-    links = list(map(mul, link_lengths, accumulate(map(unit_vector, joint_angles), mul)))
+    links = []
+    direction = 1.0
+    for length, angle in zip(link_lengths, joint_angles):
+        direction = direction * unit_vector(angle)
+        links.append(length * direction)
     links.reverse()
     return links
 

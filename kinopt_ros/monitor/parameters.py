@@ -137,6 +137,12 @@ EXECUTOR = ParameterRow(
     "('single'), which takes more of the processor.",
     'events or single; the other one where it cannot be had; read-only.', read_only=True)
 
+CPU_AFFINITY = ParameterRow(
+    'cpu_affinity', Parameter.Type.STRING, 'one',
+    "Cores for the node's threads: 'one' keeps them together on the core where the system starts "
+    "them, which takes less time and fewer wake-ups; 'all' leaves the choice to the system.",
+    'one or all, of those that the process is given; read-only.', read_only=True)
+
 # With base_link and tip_link the arm comes from a robot description; what is given explicitly
 # in the parameters of the arm wins over what is derived.
 DESCRIPTION_TABLE = (

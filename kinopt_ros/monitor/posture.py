@@ -48,6 +48,7 @@ class PostureAssembler:
         self._received = [-math.inf] * len(self._joint_names)
         self._layout_names = None
         self._layout = ()
+        self._repeated = None
 
     def update(self, names, positions, now, stale_timeout, velocities=()):
         """
@@ -103,37 +104,25 @@ class PostureAssembler:
         self._layout_names = list(names)
         self._layout = tuple((self._slots[name], place) for place, name in enumerate(names)
                              if name in self._slots)
+        slots = [slot for slot, _ in self._layout]
+        self._repeated = next((slot for slot in slots if slots.count(slot) > 1), None)
 
     def _store(self, name_count, positions, velocities, now):
-        layout = self._layout
-        if len({slot for slot, _ in layout}) != len(layout):
-            raise self._error(self._first_repeated(), 'named more than once',
-                              f'{name_count} names')
+        if self._repeated is not None:
+            raise self._error(self._repeated, 'named more than once', f'{name_count} names')
         if len(positions) != name_count:
-            without = [slot for slot, place in layout if place >= len(positions)]
-            raise self._error((without or [layout[0][0]])[0],
+            without = [slot for slot, place in self._layout if place >= len(positions)]
+            raise self._error((without or [self._layout[0][0]])[0],
                               'the message must hold one position per name',
                               f'{len(positions)} positions, {name_count} names')
-        for slot, place in layout:
+        has_velocities = len(velocities) == name_count
+        for slot, place in self._layout:
             position = positions[place]
             if not math.isfinite(position):
                 raise self._error(slot, 'position must be finite', position)
-        for slot, place in layout:
-            self._positions[slot] = positions[place]
+            self._positions[slot] = position
             self._received[slot] = now
-        if len(velocities) == name_count:
-            for slot, place in layout:
-                self.velocities[slot] = velocities[place]
-        else:
-            for slot, _ in layout:
-                self.velocities[slot] = math.nan
-
-    def _first_repeated(self):
-        seen = set()
-        for slot, _ in self._layout:
-            if slot in seen:
-                return slot
-            seen.add(slot)
+            self.velocities[slot] = velocities[place] if has_velocities else math.nan
 
     def _error(self, slot, reason, value):
         return BadJointStateError(self._joint_names[slot], reason, value)

@@ -9,8 +9,8 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 
-from kinopt_ros.monitor import signals
-from kinopt_ros.monitor.parameters import EXECUTOR
+from kinopt_ros.monitor import cpu_affinity, signals
+from kinopt_ros.monitor.parameters import CPU_AFFINITY, EXECUTOR
 
 # Within this time (s) a signal is looked at; work wakes the executor at once.
 _LONGEST_SLEEP = 0.05
@@ -78,23 +78,26 @@ def run(make_node, args=None):
     status : int
         0 after a shutdown, 1 after bad input, which is named on stderr in one line.
     """
-    interruptions = signals.take_note()
+    endings = signals.take_note()
     node = executor = None
     try:
         _initialize(args)
+        # Noted as signals are: asking the context before each callback costs more than some do.
+        rclpy.get_default_context().on_shutdown(lambda: endings.append('shutdown'))
         node = _make(make_node)
         executor = _make(lambda: _executor_of(node))
         executor.add_node(node)
-        _spin(executor, node, interruptions)
+        _make(lambda: _choose_cores(node))
+        _spin(executor, node, endings)
     except ExternalShutdownException:
         pass
     except StartError as error:
-        if not interruptions:
+        if not endings:
             print(f'error: {error}', file=sys.stderr)
             return 1
     except Exception:
         # On the way out rclpy raises all sorts of errors about a context that is gone.
-        if rclpy.ok() and not interruptions:
+        if not endings:
             raise
     finally:
         _tear_down(node, executor)
@@ -123,13 +126,24 @@ def _make(make):
 
 
 def _executor_of(node):
-    name = node.get_parameter_or(EXECUTOR.name, Parameter(EXECUTOR.name, value=EXECUTOR.default))
-    return make_executor(name.value, node.get_logger())
+    return make_executor(_value(node, EXECUTOR.name, EXECUTOR.default), node.get_logger())
 
 
-def _spin(executor, node, interruptions):
+def _choose_cores(node):
+    choice = _value(node, CPU_AFFINITY.name, 'all')
+    if choice not in ('one', 'all'):
+        raise ValueError(f"parameter {CPU_AFFINITY.name} = '{choice}': must be 'one' or 'all'")
+    if choice == 'one':
+        cpu_affinity.keep_to_one_core()
+
+
+def _value(node, name, default):
+    return node.get_parameter_or(name, Parameter(name, value=default)).value
+
+
+def _spin(executor, node, endings):
     # spin_once because the EventsExecutor's spin() of rclpy 7.1 takes a core and calls nothing.
-    while rclpy.ok() and not interruptions:
+    while not endings:
         executor.spin_once(timeout_sec=_LONGEST_SLEEP)
         start_error = getattr(node, 'start_error', None)
         if start_error is not None:

@@ -28,6 +28,7 @@ from kinopt_ros.monitor.marker_publisher import MarkerPublisher
 from kinopt_ros.monitor.optimum_services import LATCHED, OptimumServices
 from kinopt_ros.monitor.parameters import (
     BEHAVIOUR_TABLE,
+    CPU_AFFINITY,
     declare,
     DESCRIPTION_TABLE,
     EXECUTOR,
@@ -74,7 +75,7 @@ class SingularityMonitor(Node):
         self._header = None
         self._published = None
         self._input_rate = InputRate()
-        values = declare(self, (EXECUTOR, *DESCRIPTION_TABLE, *BEHAVIOUR_TABLE))
+        values = declare(self, (EXECUTOR, CPU_AFFINITY, *DESCRIPTION_TABLE, *BEHAVIOUR_TABLE))
         self._hardware_id = values['hardware_id']
         self._create_publishers()
         described_arm = DescribedArm.from_parameters(values, given_joint_names(self))
@@ -96,7 +97,7 @@ class SingularityMonitor(Node):
     def _wait_for_description(self, described_arm):
         self._verdict_without_arm = verdict_without_arm('waiting for robot_description')
         waiting = self._steady_timer(1.0, self._publish_diagnostics)
-        self._publish(self._verdict_without_arm)
+        self._publish(self._verdict_without_arm, steady_time())
         self._publish_diagnostics()
 
         def on_description(message):
@@ -176,7 +177,7 @@ class SingularityMonitor(Node):
         self._header = header
         if self._monitor.knows_posture:
             self._input_rate.tick(now)
-        self._publish(verdict)
+        self._publish(verdict, now)
         if self._settings.configuration.diagnostics_period == 0.0:
             self._publish_diagnostics()
         else:
@@ -187,7 +188,7 @@ class SingularityMonitor(Node):
         verdict = self._monitor.look(now) or self._monitor.on_time(now)
         if verdict is not None:
             self._input_rate.forget()
-            self._publish(verdict)
+            self._publish(verdict, now)
         self._publish_news()
         # The next look is due exactly when the posture would become stale.
         timeout = self._settings.configuration.stale_timeout
@@ -199,10 +200,11 @@ class SingularityMonitor(Node):
         self._on_watchdog()
         self._publish_diagnostics()
 
-    def _publish(self, verdict):
-        self._z.publish(Float64(data=verdict.index.z))
-        self._conditioning_length.publish(Float64(data=verdict.index.conditioning_length))
-        self._margin.publish(Float64(data=verdict.index.margin))
+    def _publish(self, verdict, now):
+        index = verdict.index
+        self._z.publish(Float64(data=index.z))
+        self._conditioning_length.publish(Float64(data=index.conditioning_length))
+        self._margin.publish(Float64(data=index.margin))
         self._near_singularity.publish(Bool(data=verdict.near_singularity))
         if self._monitor is None:
             return
@@ -210,7 +212,7 @@ class SingularityMonitor(Node):
             self._gradient.publish(_gradient_message(self._monitor.gradient()))
         if self._typed is not None:
             self._typed.publish_state(self._header or Header())
-        self._markers.publish(self._header or Header(), steady_time())
+        self._markers.publish(self._header or Header(), now)
 
     def _publish_news(self):
         """Publish the diagnostics at once when the level or its reason is another."""
@@ -219,12 +221,13 @@ class SingularityMonitor(Node):
             self._publish_diagnostics()
 
     def _publish_diagnostics(self):
-        if self._monitor is None:
-            verdict, values = self._verdict_without_arm, ()
-        else:
-            verdict = self._monitor.verdict
-            values = key_values(self._monitor, self._input_rate.per_second(steady_time()))
+        verdict = self._monitor.verdict if self._monitor else self._verdict_without_arm
         self._published = (verdict.level, verdict.reason)
+        if self._diagnostics.get_subscription_count() == 0:
+            return
+        values = ()
+        if self._monitor is not None:
+            values = key_values(self._monitor, self._input_rate.per_second(steady_time()))
         stamp = self._header.stamp if self._header else self.get_clock().now().to_msg()
         self._diagnostics.publish(diagnostic_array(
             verdict, values, self.get_fully_qualified_name(), self._hardware_id, stamp))

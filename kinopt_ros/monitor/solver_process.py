@@ -10,24 +10,32 @@ import pickle
 import subprocess
 import sys
 import threading
+import time
 
 from kinopt_ros.kinetostatics.optimal_posture import optimal_posture
 from kinopt_ros.monitor import signals
+from kinopt_ros.monitor.cpu_affinity import given_cores, run_on
+
+
+# Requests are taken up no closer together than this (s): whoever asks without pause would
+# otherwise take from the monitor's cycle what each request and answer costs the node itself.
+SPACING = 0.02
 
 
 class SolverProcess:
     """
     Ask for optimal postures without waiting for them.
 
-    Requests are answered one after the other, in their order. The process starts with the
-    first one; should it die, the request is put to another, once. It ends with its parent,
-    whatever way that goes, because its input then ends.
+    Requests are answered one after the other, in their order, and at most fifty a second. The
+    process starts with the first one; should it die, the request is put to another, once. It
+    ends with its parent, whatever way that goes, because its input then ends.
     """
 
     def __init__(self):
         self._thread = ThreadPoolExecutor(1, thread_name_prefix='solver')
         self._process = None
-        self._closed = False
+        self._closed = threading.Event()
+        self._free_at = 0.0
         self._waiting = 0
         self._count_lock = threading.Lock()
 
@@ -55,7 +63,7 @@ class SolverProcess:
 
     def close(self):
         """End the process, and wait for the thread; requests without an answer fail."""
-        self._closed = True
+        self._closed.set()
         if self._process is not None:
             self._process.kill()
         self._thread.shutdown(cancel_futures=True)
@@ -68,6 +76,8 @@ class SolverProcess:
             self._waiting -= 1
 
     def _ask(self, request):
+        self._closed.wait(self._free_at - time.monotonic())
+        self._free_at = time.monotonic() + SPACING
         answer = self._answer(request) or self._answer(request)
         if answer is None:
             raise ChildProcessError('the solver process ended over the request')
@@ -79,7 +89,7 @@ class SolverProcess:
         """Put a request to the process; None if it ends over it."""
         if self._process is None or self._process.poll() is not None:
             self._process = _start()
-        if self._closed:
+        if self._closed.is_set():
             raise ChildProcessError('the solver is closed')
         try:
             pickle.dump(request, self._process.stdin)
@@ -94,7 +104,7 @@ class SolverProcess:
 def _start():
     # The path of this very process: the folder that it runs in must not come before it.
     code = (f'import sys; sys.path[:] = {sys.path!r}; '
-            f'from {__name__} import main; main()')
+            f'from {__name__} import main; main({given_cores()})')
     return subprocess.Popen(
         [sys.executable, '-c', code], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
         # Small matrices gain nothing from threads, which would take other cores from the arm.
@@ -103,9 +113,10 @@ def _start():
         start_new_session=True)
 
 
-def main():
-    """Answer requests on the standard streams."""
+def main(cores):
+    """Answer requests on the standard streams, on the cores given, a set, or None for any."""
     signals.ignore()
+    run_on(cores)
     # The controller beside which this runs comes first.
     os.nice(10)
     serve(sys.stdin.buffer, sys.stdout.buffer)

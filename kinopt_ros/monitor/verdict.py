@@ -7,7 +7,9 @@ silence, and the node turns it into messages.
 
 from dataclasses import dataclass, field
 import enum
+from functools import partial
 import math
+from typing import Callable, NamedTuple
 
 from kinopt_ros.kinetostatics.index import KinetostaticIndex
 
@@ -153,8 +155,7 @@ class ProximityFlag:
         self.raised = bool(self.causes)
 
 
-@dataclass(frozen=True)
-class Verdict:
+class Verdict(NamedTuple):
     """
     What the monitor says of one cycle.
 
@@ -164,35 +165,47 @@ class Verdict:
     reason : tuple
         Identity of the reason: two verdicts of equal level and reason tell no news, although
         the numbers in their messages may differ.
-    message : str
-        The reason in words, with the values.
     near_singularity : bool
         True also whenever the posture is not known.
+    wording : callable
+        Gives the message: most cycles end without anybody asking for it.
     index : KinetostaticIndex
         NaN where the posture is not known.
     """
 
     level: Level
     reason: tuple
-    message: str
     near_singularity: bool
+    wording: Callable[[], str]
     index: KinetostaticIndex = UNKNOWN_INDEX
+
+    @property
+    def message(self):
+        """The reason in words, with the values."""
+        return self.wording()
 
 
 def verdict_on_index(index, flag, thresholds):
     """Verdict on a known posture, from the flag just updated with its index."""
     if not flag.raised:
-        return Verdict(Level.OK, (), 'clear of singularities', False, index)
-    message = '; '.join(
-        _CAUSE_TEXTS[cause, flag.crossed].format(index=index, thresholds=thresholds)
-        for cause in flag.causes)
-    return Verdict(Level.WARN, (flag.crossed, *flag.causes), f'near singularity: {message}',
-                   True, index)
+        return Verdict(Level.OK, (), False, _clear, index)
+    wording = partial(_near_singularity, flag.crossed, flag.causes, index, thresholds)
+    return Verdict(Level.WARN, (flag.crossed, *flag.causes), True, wording, index)
+
+
+def _clear():
+    return 'clear of singularities'
+
+
+def _near_singularity(crossed, causes, index, thresholds):
+    return 'near singularity: ' + '; '.join(
+        _CAUSE_TEXTS[cause, crossed].format(index=index, thresholds=thresholds)
+        for cause in causes)
 
 
 def verdict_on_bad_message(error):
     """Verdict on a JointState that cannot be believed."""
-    return Verdict(Level.ERROR, (str(error.reason), error.joint), str(error), True)
+    return Verdict(Level.ERROR, (str(error.reason), error.joint), True, partial(str, error))
 
 
 def verdict_on_silence(late_joints, timeout, waiting):
@@ -213,12 +226,12 @@ def verdict_on_silence(late_joints, timeout, waiting):
         message = f'waiting for the first position of: {joints}'
     else:
         message = f'no fresh position for {timeout:g} s of: {joints}'
-    return Verdict(Level.STALE, (waiting, *late_joints), message, True)
+    return Verdict(Level.STALE, (waiting, *late_joints), True, partial(str, message))
 
 
 def verdict_without_arm(message):
     """Verdict while the arm itself is not known."""
-    return Verdict(Level.STALE, (message,), message, True)
+    return Verdict(Level.STALE, (message,), True, partial(str, message))
 
 
 _CAUSE_TEXTS = {
