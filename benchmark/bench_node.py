@@ -18,7 +18,7 @@ import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64
+from std_msgs.msg import Bool, Float64
 from std_srvs.srv import Trigger
 from timing import median, p99
 
@@ -39,10 +39,10 @@ PARAMETERS = ['-p', f'joint_names:=[{", ".join(NAMES)}]',
               '-p', f'link_lengths:=[{", ".join(map(repr, LENGTHS))}]']
 
 
-def monitor(executor):
+def monitor(executor, cores='one'):
     """Command that starts the monitor."""
     return [sys.executable, '-c', MONITOR, '--ros-args', '-p', f'executor:={executor}',
-            *PARAMETERS]
+            '-p', f'cpu_affinity:={cores}', *PARAMETERS]
 
 
 def relay(executor):
@@ -56,7 +56,10 @@ SYSTEMS = {
     'relay, events': relay('events'),
     'monitor, single': monitor('single'),
     'monitor, events': monitor('events'),
+    'monitor, all cores': monitor('events', 'all'),
 }
+# Beside z, which the probe hears in any case.
+OTHER_TOPICS = {'conditioning_length': Float64, 'margin': Float64, 'near_singularity': Bool}
 
 
 class Probe:
@@ -67,6 +70,8 @@ class Probe:
     ----------
     command : list of str
         Of the process that is measured; it ends with the probe.
+    hear_all : bool
+        Whether the other topics have a subscriber too.
 
     Attributes
     ----------
@@ -74,8 +79,13 @@ class Probe:
         Time in s from its start to the first z.
     """
 
-    def __init__(self, command):
+    def __init__(self, command, hear_all=False):
         self._node = Node('probe')
+        # No executor calls it: that a message gets here is enough.
+        self._listener = Node('listener')
+        for name, message_type in OTHER_TOPICS.items() if hear_all else ():
+            self._listener.create_subscription(
+                message_type, f'singularity_monitor/{name}', lambda _: None, 1)
         # The EventsExecutor of rclpy 7.1 cannot call a callback that asks for the source time.
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self._node)
@@ -200,11 +210,12 @@ class Probe:
         self._process.wait(10.0)
         self._executor.shutdown()
         self._node.destroy_node()
+        self._listener.destroy_node()
 
 
-def figures_of(command, runs):
+def figures_of(command, runs, hear_all=False):
     """Figures of a process of its own for each (rate, seconds, ask) of runs."""
-    probe = Probe(command)
+    probe = Probe(command, hear_all)
     try:
         return [probe.run(*run) for run in runs]
     finally:
@@ -215,25 +226,33 @@ def measure(seconds, rounds, rates=RATES):
     """
     Give a row for each system and rate: medians over rounds in which the systems take turns.
 
-    The ratios are medians of the ratios to the plain relay of the same round.
+    The ratios are medians of the ratios to the plain relay of the same round. In the first
+    rows somebody listens to z alone; two systems come once more, with all their topics heard.
     """
+    return (_measured(SYSTEMS, False, seconds, rounds, rates)
+            + _measured(('relay, single', 'monitor, events'), True, seconds, rounds, rates))
+
+
+def _measured(systems, hear_all, seconds, rounds, rates):
     results = {}
     for _ in range(rounds):
-        for name, command in SYSTEMS.items():
-            for figures in figures_of(command, [(rate, seconds, False) for rate in rates]):
+        for name in systems:
+            runs = [(rate, seconds, False) for rate in rates]
+            for figures in figures_of(SYSTEMS[name], runs, hear_all):
                 results.setdefault((name, figures['rate_hz']), []).append(figures)
-    rows = []
-    for (name, rate), repeated in results.items():
-        plain = results['relay, single', rate]
-        row = {'system': name, 'rate_hz': rate, 'rounds': rounds,
-               'lost': sum(figures['lost'] for figures in repeated),
-               'sent': sum(figures['sent'] for figures in repeated)}
-        for key in ('cpu_us_per_message', 'latency_median_us', 'latency_p99_us'):
-            row[key] = median([figures[key] for figures in repeated])
-            row[f'{key}_ratio'] = median(
-                [a[key] / b[key] for a, b in zip(repeated, plain)])
-        rows.append(row)
-    return rows
+    return [_row(f'{name}, all heard' if hear_all else name, repeated,
+                 results['relay, single', rate])
+            for (name, rate), repeated in results.items()]
+
+
+def _row(name, repeated, plain):
+    row = {'system': name, 'rate_hz': repeated[0]['rate_hz'], 'rounds': len(repeated),
+           'lost': sum(figures['lost'] for figures in repeated),
+           'sent': sum(figures['sent'] for figures in repeated)}
+    for key in ('cpu_us_per_message', 'latency_median_us', 'latency_p99_us'):
+        row[key] = median([figures[key] for figures in repeated])
+        row[f'{key}_ratio'] = median([a[key] / b[key] for a, b in zip(repeated, plain)])
+    return row
 
 
 def endurance(seconds):

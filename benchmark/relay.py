@@ -22,7 +22,8 @@ def main():
     """Relay until the context ends."""
     rclpy.init()
     node = Node('relay')
-    publishers = [node.create_publisher(Float64, f'~/{name}', 10) for name in 'zlm']
+    publishers = [node.create_publisher(Float64, f'~/{name}', 10)
+                  for name in ('z', 'conditioning_length', 'margin')]
     flag = node.create_publisher(Bool, '~/near_singularity', 10)
 
     def relay(message):

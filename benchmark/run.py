@@ -59,10 +59,10 @@ def _index(short):
 
 
 def _node(short):
-    rows = _over_dds('measure', *(1.0, 1, (1000,)) if short else (5.0, 3))
-    print(f'{"":18s}  rate[Hz]  CPU[us]  ratio  median[us]  ratio   p99[us]  ratio  lost/sent')
+    rows = _over_dds('measure', *(1.0, 1, (1000,)) if short else (3.0, 5))
+    print(f'{"":26s}  rate[Hz]  CPU[us]  ratio  median[us]  ratio   p99[us]  ratio  lost/sent')
     for row in rows:
-        print(f'{row["system"]:18s}{row["rate_hz"]:10d}{row["cpu_us_per_message"]:9.0f}'
+        print(f'{row["system"]:26s}{row["rate_hz"]:10d}{row["cpu_us_per_message"]:9.0f}'
               f'{row["cpu_us_per_message_ratio"]:7.2f}{row["latency_median_us"]:12.0f}'
               f'{row["latency_median_us_ratio"]:7.2f}{row["latency_p99_us"]:10.0f}'
               f'{row["latency_p99_us_ratio"]:7.2f}  {row["lost"]}/{row["sent"]}')

@@ -19,9 +19,13 @@ def keep_to_one_core():
     It is one of those that the process was given. Threads and processes that start later are
     bound too, until they `run_on` others. Nothing is done where the system knows no such
     binding.
+
+    Returns
+    -------
+    core : int or None
     """
     if _GIVEN is None:
-        return
+        return None
     core = _present_core()
     for task in Path('/proc/self/task').iterdir():
         try:
@@ -29,6 +33,7 @@ def keep_to_one_core():
         except ProcessLookupError:
             # A thread that has ended meanwhile.
             pass
+    return core
 
 
 def given_cores():

@@ -133,8 +133,8 @@ def _choose_cores(node):
     choice = _value(node, CPU_AFFINITY.name, 'all')
     if choice not in ('one', 'all'):
         raise ValueError(f"parameter {CPU_AFFINITY.name} = '{choice}': must be 'one' or 'all'")
-    if choice == 'one':
-        cpu_affinity.keep_to_one_core()
+    if choice == 'one' and (core := cpu_affinity.keep_to_one_core()) is not None:
+        node.get_logger().info(f'keeping to core {core} ({CPU_AFFINITY.name})')
 
 
 def _value(node, name, default):

@@ -25,6 +25,7 @@ from std_msgs.msg import (
 from kinopt_ros.monitor.described_arm import arm_parameters, DescribedArm
 from kinopt_ros.monitor.diagnostics import diagnostic_array, InputRate, key_values
 from kinopt_ros.monitor.marker_publisher import MarkerPublisher
+from kinopt_ros.monitor.on_demand import publish_on_demand
 from kinopt_ros.monitor.optimum_services import LATCHED, OptimumServices
 from kinopt_ros.monitor.parameters import (
     BEHAVIOUR_TABLE,
@@ -202,14 +203,13 @@ class SingularityMonitor(Node):
 
     def _publish(self, verdict, now):
         index = verdict.index
-        self._z.publish(Float64(data=index.z))
-        self._conditioning_length.publish(Float64(data=index.conditioning_length))
-        self._margin.publish(Float64(data=index.margin))
-        self._near_singularity.publish(Bool(data=verdict.near_singularity))
+        publish_on_demand(self._z, _number, index.z)
+        publish_on_demand(self._conditioning_length, _number, index.conditioning_length)
+        publish_on_demand(self._margin, _number, index.margin)
+        publish_on_demand(self._near_singularity, _flag, verdict.near_singularity)
         if self._monitor is None:
             return
-        if self._gradient.get_subscription_count() > 0:
-            self._gradient.publish(_gradient_message(self._monitor.gradient()))
+        publish_on_demand(self._gradient, _gradient_of, self._monitor)
         if self._typed is not None:
             self._typed.publish_state(self._header or Header())
         self._markers.publish(self._header or Header(), now)
@@ -223,14 +223,15 @@ class SingularityMonitor(Node):
     def _publish_diagnostics(self):
         verdict = self._monitor.verdict if self._monitor else self._verdict_without_arm
         self._published = (verdict.level, verdict.reason)
-        if self._diagnostics.get_subscription_count() == 0:
-            return
+        publish_on_demand(self._diagnostics, self._diagnostics_of, verdict)
+
+    def _diagnostics_of(self, verdict):
         values = ()
         if self._monitor is not None:
             values = key_values(self._monitor, self._input_rate.per_second(steady_time()))
         stamp = self._header.stamp if self._header else self.get_clock().now().to_msg()
-        self._diagnostics.publish(diagnostic_array(
-            verdict, values, self.get_fully_qualified_name(), self._hardware_id, stamp))
+        return diagnostic_array(
+            verdict, values, self.get_fully_qualified_name(), self._hardware_id, stamp)
 
     def _on_configuration(self, configuration):
         self._on_watchdog()
@@ -266,8 +267,17 @@ def _judge_qos(profile):
         successful=profile.depth > 0, reason=f'depth = {profile.depth}: must be above 0')
 
 
-def _gradient_message(gradient):
+def _number(value):
+    return Float64(data=value)
+
+
+def _flag(value):
+    return Bool(data=value)
+
+
+def _gradient_of(monitor):
     """Give dz/dtheta by measured joint positions; empty while the posture is not known."""
+    gradient = monitor.gradient()
     values = [] if gradient is None else gradient.z.tolist()
     dimension = MultiArrayDimension(
         label='dz/dtheta (1/rad), by joint_names', size=len(values), stride=len(values))

@@ -16,7 +16,6 @@ from kinopt_ros.kinetostatics.optimal_posture import optimal_posture
 from kinopt_ros.monitor import signals
 from kinopt_ros.monitor.cpu_affinity import given_cores, run_on
 
-
 # Requests are taken up no closer together than this (s): whoever asks without pause would
 # otherwise take from the monitor's cycle what each request and answer costs the node itself.
 SPACING = 0.02

@@ -10,6 +10,7 @@ from kinopt_interfaces.msg import KinetostaticState, PostureAlternative
 from kinopt_interfaces.srv import SolveOptimalPosture
 from kinopt_ros.kinetostatics.planar_arm import PlanarArm
 from kinopt_ros.monitor.deferred_service import create_deferred_service
+from kinopt_ros.monitor.on_demand import publish_on_demand
 from kinopt_ros.monitor.optimum_services import completed, mapped
 
 # The most joints of a request: the solver's time grows with them.
@@ -37,8 +38,7 @@ class TypedInterfaces:
 
     def publish_state(self, header):
         """Publish the latest verdict with the header of its JointState, if somebody listens."""
-        if self._state.get_subscription_count() > 0:
-            self._state.publish(_state(self._monitor, header))
+        publish_on_demand(self._state, _state, self._monitor, header)
 
     def _on_request(self, request):
         try:

@@ -5,11 +5,12 @@ Nothing here knows of a node. A verdict is made from an index, from a bad messag
 silence, and the node turns it into messages.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 import enum
 from functools import partial
 import math
-from typing import Callable, NamedTuple
+from typing import NamedTuple
 
 from kinopt_ros.kinetostatics.index import KinetostaticIndex
 

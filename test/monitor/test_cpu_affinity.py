@@ -1,0 +1,146 @@
+"""The cores that the monitor and its solver run on, asked of the system."""
+
+import contextlib
+import os
+from pathlib import Path
+import shutil
+import subprocess
+import sys
+
+from processes import answer_of, ARM, assert_clean
+import pytest
+from support import DEADLINE
+
+from kinopt_ros.monitor import cpu_affinity
+
+CORES = os.sched_getaffinity(0) if hasattr(os, 'sched_getaffinity') else set()
+
+pytestmark = pytest.mark.skipif(len(CORES) < 2, reason='needs a choice of cores')
+
+
+def cores_of_threads(pid):
+    cores = []
+    for task in Path(f'/proc/{pid}/task').iterdir():
+        with contextlib.suppress(ProcessLookupError):
+            cores.append(os.sched_getaffinity(int(task.name)))
+    return cores
+
+
+def children_of(pid):
+    return [int(child) for task in Path(f'/proc/{pid}/task').iterdir()
+            for child in (task / 'children').read_text().split()]
+
+
+def test_all_threads_keep_to_one_core_by_default(start, feed):
+    process = start(*ARM)
+    feed.until(lambda: answer_of(feed))
+    cores, *others = cores_of_threads(process.popen.pid)
+    assert len(cores) == 1 and cores <= CORES
+    # The middleware has threads of its own.
+    assert len(others) >= 3 and all(other == cores for other in others)
+    process.popen.terminate()
+    assert_clean(process)
+
+
+def test_solver_may_use_all_cores(start, feed):
+    process = start(*ARM)
+    feed.until(lambda: answer_of(feed))
+    feed.until(lambda: children_of(process.popen.pid))
+    solver, = children_of(process.popen.pid)
+    feed.until(lambda: cores_of_threads(solver) == [CORES])
+
+
+def test_all_leaves_the_choice_to_the_system(start, feed):
+    process = start(*ARM, '-p', 'cpu_affinity:=all')
+    feed.until(lambda: answer_of(feed))
+    assert all(cores == CORES
+               for cores in cores_of_threads(process.popen.pid))
+
+
+@pytest.mark.parametrize('value', ['', 'two', 'One', "'0'"])
+def test_anything_else_is_one_line_and_status_1(start, value):
+    status, _, error = start(*ARM, '-p', f'cpu_affinity:="{value}"').end()
+    line, = (line for line in error.splitlines() if not line.startswith('[INFO]'))
+    assert status == 1
+    assert all(word in line for word in ('cpu_affinity', value, "'one' or 'all'"))
+
+
+def test_is_read_only(bench):
+    assert bench.get('cpu_affinity') == 'one'
+    descriptor, = bench.describe('cpu_affinity')
+    assert descriptor.read_only
+    assert not bench.set(cpu_affinity='all')[0].successful
+
+
+IN_A_PROCESS = """
+import os, threading
+from kinopt_ros.monitor.cpu_affinity import given_cores, keep_to_one_core, run_on
+def cores_of_new_thread():
+    cores = []
+    thread = threading.Thread(target=lambda: cores.append(os.sched_getaffinity(0)))
+    thread.start()
+    thread.join()
+    return cores[0]
+keep_to_one_core()
+print(sorted(os.sched_getaffinity(0)), sorted(cores_of_new_thread()), sorted(given_cores()))
+run_on(given_cores())
+print(sorted(os.sched_getaffinity(0)))
+"""
+
+
+@pytest.mark.skipif(shutil.which('taskset') is None, reason='needs taskset')
+@pytest.mark.parametrize('core', sorted(CORES)[:2])
+def test_choice_is_among_the_cores_given(core):
+    """Whoever starts it on one core, with taskset for instance, has chosen already."""
+    done = subprocess.run(['taskset', '-c', str(core), sys.executable, '-c', IN_A_PROCESS],
+                          capture_output=True, text=True, check=True, timeout=DEADLINE)
+    assert done.stdout == f'[{core}] [{core}] [{core}]\n[{core}]\n'
+
+
+def test_later_threads_stay_and_a_process_can_be_freed():
+    done = subprocess.run([sys.executable, '-c', IN_A_PROCESS],
+                          capture_output=True, text=True, check=True, timeout=DEADLINE)
+    first, second = done.stdout.splitlines()
+    given = str(sorted(CORES))
+    one = first[:first.index(']') + 1]
+    assert first == f'{one} {one} {given}' and ',' not in one
+    assert second == given
+
+
+def test_core_is_the_one_that_runs_this():
+    """Asked on a certain core."""
+    before = os.sched_getaffinity(0)
+    try:
+        for core in sorted(before)[:2]:
+            os.sched_setaffinity(0, {core})
+            assert cpu_affinity._present_core() == core
+    finally:
+        os.sched_setaffinity(0, before)
+
+
+def test_nothing_happens_where_the_system_knows_no_binding(monkeypatch):
+    monkeypatch.setattr(cpu_affinity, '_GIVEN', None)
+    before = os.sched_getaffinity(0)
+    cpu_affinity.keep_to_one_core()
+    cpu_affinity.run_on(cpu_affinity.given_cores())
+    assert os.sched_getaffinity(0) == before
+
+
+def test_threads_that_end_meanwhile_are_no_error():
+    """In a process of its own; threads come and go while all of them are bound."""
+    code = """
+import threading, time
+from kinopt_ros.monitor.cpu_affinity import keep_to_one_core
+over = threading.Event()
+def breed():
+    while not over.is_set():
+        threading.Thread(target=lambda: None).start()
+threading.Thread(target=breed, daemon=True).start()
+end = time.monotonic() + 0.3
+while time.monotonic() < end:
+    keep_to_one_core()
+over.set()
+"""
+    done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True,
+                          timeout=DEADLINE)
+    assert (done.returncode, done.stderr) == (0, '')

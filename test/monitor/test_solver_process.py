@@ -1,0 +1,41 @@
+"""The solver's process by itself; what becomes of it on a node: test_optimal_posture_service."""
+
+import time
+
+import pytest
+from support import DEADLINE, LENGTHS
+
+from kinopt_ros.kinetostatics.optimal_posture import optimal_posture
+from kinopt_ros.monitor.solver_process import SolverProcess, SPACING
+
+
+@pytest.fixture
+def solver():
+    solver = SolverProcess()
+    yield solver
+    solver.close()
+
+
+def test_answers_are_those_of_the_solver_in_their_order(solver):
+    arms = [LENGTHS, (1.0, 1.0, 1.0), (1.0, 0.5, 0.25, 0.2)]
+    asked = [solver.submit(arm) for arm in arms]
+    for arm, future in zip(arms, asked):
+        expected = optimal_posture(arm)
+        assert future.result(DEADLINE).joint_angles == pytest.approx(expected.joint_angles)
+    assert solver.waiting == 0
+
+
+def test_whoever_asks_without_pause_is_served_at_intervals(solver):
+    """Answered from memory, each of these takes a small part of the interval."""
+    solver.submit(LENGTHS).result(DEADLINE)
+    begun = time.monotonic()
+    for _ in range(10):
+        solver.submit(LENGTHS).result(DEADLINE)
+    assert time.monotonic() - begun > 9 * SPACING
+
+
+def test_closing_does_not_leave_anybody_waiting(solver):
+    asked = [solver.submit(LENGTHS) for _ in range(8)]
+    solver.close()
+    assert all(future.done() for future in asked)
+    assert any(future.cancelled() or future.exception() for future in asked)
