@@ -5,6 +5,7 @@ Each message is handed from a thread of the middleware to the node's. On two cor
 wakes the other core, whose caches are cold by then: it takes more time than the index.
 """
 
+import contextlib
 import os
 from pathlib import Path
 
@@ -17,15 +18,19 @@ def keep_to_one_core():
     Keep all threads of this process on one core: the one that is running this.
 
     It is one of those that the process was given. Threads and processes that start later are
-    bound too, until they `run_on` others. Nothing is done where the system knows no such
-    binding.
+    bound too, until they `run_on` others.
 
     Returns
     -------
-    core : int or None
+    core : int
+
+    Raises
+    ------
+    OSError
+        If the system does not permit it, or knows no such binding.
     """
     if _GIVEN is None:
-        return None
+        raise OSError('this system binds no process to a core')
     core = _present_core()
     for task in Path('/proc/self/task').iterdir():
         try:
@@ -42,9 +47,10 @@ def given_cores():
 
 
 def run_on(cores):
-    """Let the calling process run on any of the cores; None changes nothing."""
+    """Let the calling process run on any of the cores where permitted; None changes nothing."""
     if cores is not None:
-        os.sched_setaffinity(0, cores)
+        with contextlib.suppress(OSError):
+            os.sched_setaffinity(0, cores)
 
 
 def _present_core():

@@ -133,7 +133,14 @@ def _choose_cores(node):
     choice = _value(node, CPU_AFFINITY.name, 'all')
     if choice not in ('one', 'all'):
         raise ValueError(f"parameter {CPU_AFFINITY.name} = '{choice}': must be 'one' or 'all'")
-    if choice == 'one' and (core := cpu_affinity.keep_to_one_core()) is not None:
+    if choice == 'all':
+        return
+    try:
+        core = cpu_affinity.keep_to_one_core()
+    except OSError as error:
+        # A sandbox may forbid it; the node does its work all the same.
+        node.get_logger().warning(f'cannot keep to one core: {error}')
+    else:
         node.get_logger().info(f'keeping to core {core} ({CPU_AFFINITY.name})')
 
 

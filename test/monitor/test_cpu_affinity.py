@@ -121,9 +121,33 @@ def test_core_is_the_one_that_runs_this():
 def test_nothing_happens_where_the_system_knows_no_binding(monkeypatch):
     monkeypatch.setattr(cpu_affinity, '_GIVEN', None)
     before = os.sched_getaffinity(0)
-    cpu_affinity.keep_to_one_core()
+    with pytest.raises(OSError, match='core'):
+        cpu_affinity.keep_to_one_core()
     cpu_affinity.run_on(cpu_affinity.given_cores())
     assert os.sched_getaffinity(0) == before
+
+
+FORBIDDEN = """
+import os, sys
+def forbid(*_):
+    raise PermissionError(1, 'Operation not permitted')
+os.sched_setaffinity = forbid
+from kinopt_ros.executables import singularity_monitor
+sys.exit(singularity_monitor())
+"""
+
+
+def test_where_it_is_forbidden_the_node_works_and_says_so(feed):
+    node = subprocess.Popen([sys.executable, '-c', FORBIDDEN, '--ros-args', *ARM],
+                            stderr=subprocess.PIPE, text=True)
+    try:
+        feed.until(lambda: answer_of(feed))
+    finally:
+        node.terminate()
+        _, error = node.communicate(timeout=DEADLINE)
+    assert node.returncode == 0, error
+    line, = (line for line in error.splitlines() if '[WARN]' in line)
+    assert 'core' in line and 'not permitted' in line and 'Traceback' not in error
 
 
 def test_threads_that_end_meanwhile_are_no_error():
@@ -135,11 +159,13 @@ over = threading.Event()
 def breed():
     while not over.is_set():
         threading.Thread(target=lambda: None).start()
-threading.Thread(target=breed, daemon=True).start()
+breeder = threading.Thread(target=breed)
+breeder.start()
 end = time.monotonic() + 0.3
 while time.monotonic() < end:
     keep_to_one_core()
 over.set()
+breeder.join()
 """
     done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True,
                           timeout=DEADLINE)
