@@ -32,12 +32,14 @@ def keep_to_one_core():
     if _GIVEN is None:
         raise OSError('this system binds no process to a core')
     core = _present_core()
-    for task in Path('/proc/self/task').iterdir():
-        try:
-            os.sched_setaffinity(int(task.name), {core})
-        except ProcessLookupError:
-            # A thread that has ended meanwhile.
-            pass
+    bound = set()
+    # A thread that is not bound yet may start another one meanwhile.
+    while unbound := _threads() - bound:
+        for thread in unbound:
+            # It may also have ended.
+            with contextlib.suppress(ProcessLookupError):
+                os.sched_setaffinity(thread, {core})
+        bound |= unbound
     return core
 
 
@@ -53,7 +55,11 @@ def run_on(cores):
             os.sched_setaffinity(0, cores)
 
 
+def _threads():
+    return {int(task.name) for task in Path('/proc/self/task').iterdir()}
+
+
 def _present_core():
-    # Its field 39; the name of the process, in brackets, may hold anything.
-    fields = Path('/proc/self/stat').read_text().rpartition(')')[2].split()
+    # Its field 39; the name of the thread, in brackets, may hold anything.
+    fields = Path('/proc/thread-self/stat').read_text().rpartition(')')[2].split()
     return int(fields[36])

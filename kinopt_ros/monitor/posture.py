@@ -104,8 +104,15 @@ class PostureAssembler:
         self._layout_names = list(names)
         self._layout = tuple((self._slots[name], place) for place, name in enumerate(names)
                              if name in self._slots)
-        slots = [slot for slot, _ in self._layout]
-        self._repeated = next((slot for slot in slots if slots.count(slot) > 1), None)
+        self._repeated = self._first_repeated()
+
+    def _first_repeated(self):
+        seen = set()
+        for slot, _ in self._layout:
+            if slot in seen:
+                return slot
+            seen.add(slot)
+        return None
 
     def _store(self, name_count, positions, velocities, now):
         if self._repeated is not None:

@@ -97,7 +97,7 @@ def run(make_node, args=None):
             return 1
     except Exception:
         # On the way out rclpy raises all sorts of errors about a context that is gone.
-        if not endings:
+        if rclpy.ok() and not endings:
             raise
     finally:
         _tear_down(node, executor)

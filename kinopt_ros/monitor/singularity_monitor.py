@@ -221,7 +221,8 @@ class SingularityMonitor(Node):
             self._publish_diagnostics()
 
     def _publish_diagnostics(self):
-        verdict = self._monitor.verdict if self._monitor else self._verdict_without_arm
+        verdict = (self._verdict_without_arm if self._monitor is None
+                   else self._monitor.verdict)
         self._published = (verdict.level, verdict.reason)
         publish_on_demand(self._diagnostics, self._diagnostics_of, verdict)
 

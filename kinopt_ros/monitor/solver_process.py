@@ -102,8 +102,10 @@ class SolverProcess:
 
 def _start():
     # The path of this very process: the folder that it runs in must not come before it.
-    code = (f'import sys; sys.path[:] = {sys.path!r}; '
-            f'from {__name__} import main; main({given_cores()})')
+    # The imports too are made on any core and behind the controller, which comes first.
+    code = (f'import os, sys; os.nice(10); sys.path[:] = {sys.path!r}; '
+            f'from {run_on.__module__} import run_on; run_on({given_cores()}); '
+            f'from {__name__} import main; main()')
     return subprocess.Popen(
         [sys.executable, '-c', code], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
         # Small matrices gain nothing from threads, which would take other cores from the arm.
@@ -112,12 +114,9 @@ def _start():
         start_new_session=True)
 
 
-def main(cores):
-    """Answer requests on the standard streams, on the cores given, a set, or None for any."""
+def main():
+    """Answer requests on the standard streams."""
     signals.ignore()
-    run_on(cores)
-    # The controller beside which this runs comes first.
-    os.nice(10)
     serve(sys.stdin.buffer, sys.stdout.buffer)
 
 

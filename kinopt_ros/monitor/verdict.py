@@ -206,7 +206,8 @@ def _near_singularity(crossed, causes, index, thresholds):
 
 def verdict_on_bad_message(error):
     """Verdict on a JointState that cannot be believed."""
-    return Verdict(Level.ERROR, (str(error.reason), error.joint), True, partial(str, error))
+    return Verdict(Level.ERROR, (str(error.reason), error.joint), True,
+                   partial(str, str(error)))
 
 
 def verdict_on_silence(late_joints, timeout, waiting):
