@@ -1,5 +1,6 @@
 """The installed executable as a process of its own, and a node that feeds it."""
 
+import contextlib
 import os
 from pathlib import Path
 import signal
@@ -83,3 +84,11 @@ def assert_clean(process):
 
 def answer_of(feed):
     return [z for z in feed.heard if z == z]
+
+
+def children_of(pid):
+    children = []
+    for task in Path(f'/proc/{pid}/task').iterdir():
+        with contextlib.suppress(FileNotFoundError, ProcessLookupError):
+            children += (task / 'children').read_text().split()
+    return list(map(int, children))

@@ -8,7 +8,7 @@ import signal
 import subprocess
 import sys
 
-from processes import answer_of, ARM, assert_clean
+from processes import answer_of, ARM, assert_clean, children_of
 import pytest
 from std_srvs.srv import Trigger
 from support import DEADLINE
@@ -26,14 +26,6 @@ def cores_of_threads(pid):
         with contextlib.suppress(ProcessLookupError):
             cores.append(os.sched_getaffinity(int(task.name)))
     return cores
-
-
-def children_of(pid):
-    children = []
-    for task in Path(f'/proc/{pid}/task').iterdir():
-        with contextlib.suppress(FileNotFoundError, ProcessLookupError):
-            children += (task / 'children').read_text().split()
-    return list(map(int, children))
 
 
 def test_all_threads_keep_to_one_core_by_default(start, feed):
