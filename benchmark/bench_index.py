@@ -11,7 +11,6 @@ from kinopt_ros.kinetostatics.planar_arm import PlanarArm
 JOINTS = (3, 6, 12, 25, 50)
 LENGTHS = (1.0, 1.0, math.sqrt(3.0) / 3.0)
 ANGLES = (0.3, 1.5, 2.0)
-TARGET = 0.5
 
 
 def measure(rounds=200):

@@ -95,14 +95,14 @@ def bench(make_bench):
 
 @pytest.fixture
 def start():
-    """Give a factory of processes of the executable that all end with the test."""
-    from processes import EXECUTABLE, Process
-    if not EXECUTABLE.exists():
-        pytest.skip(f'the package is not installed beside this interpreter: no {EXECUTABLE}')
+    """Give a factory of processes of an executable that all end with the test."""
+    from processes import EXECUTABLES, Process
+    if not (EXECUTABLES / 'singularity_monitor').exists():
+        pytest.skip(f'the package is not installed beside this interpreter, in {EXECUTABLES}')
     processes = []
 
-    def make(*arguments):
-        processes.append(Process(*arguments))
+    def make(*arguments, **options):
+        processes.append(Process(*arguments, **options))
         return processes[-1]
 
     yield make

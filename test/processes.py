@@ -1,4 +1,4 @@
-"""The installed executable as a process of its own, and a node that feeds it."""
+"""The installed executables as processes of their own, and a node that feeds them."""
 
 import contextlib
 import os
@@ -11,19 +11,20 @@ import time
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
-from support import DEADLINE, LENGTHS, NAMES, REGULAR
+from support import DEADLINE, LENGTHS, linger, NAMES, REGULAR
 
-EXECUTABLE = Path(sys.executable).parent / 'singularity_monitor'
+EXECUTABLES = Path(sys.executable).parent
 ARM = ['-p', f'joint_names:=[{", ".join(NAMES)}]',
        '-p', f'link_lengths:=[{", ".join(map(repr, LENGTHS))}]']
 
 
 class Process:
-    """The executable in a process group of its own."""
+    """An executable in a process group of its own."""
 
-    def __init__(self, *arguments):
+    def __init__(self, *arguments, executable='singularity_monitor'):
         self.popen = subprocess.Popen(
-            [EXECUTABLE, '--ros-args', *arguments], text=True, start_new_session=True,
+            [EXECUTABLES / executable, '--ros-args', *arguments], text=True,
+            start_new_session=True,
             stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
 
     def end(self):
@@ -38,13 +39,6 @@ class Process:
         except ProcessLookupError:
             return False
         return True
-
-    def group_is_empty(self):
-        try:
-            os.killpg(self.popen.pid, 0)
-        except ProcessLookupError:
-            return True
-        return False
 
 
 class Feed:
@@ -71,15 +65,28 @@ class Feed:
             self.publisher.publish(JointState(name=NAMES, position=positions))
             self.executor.spin_once(timeout_sec=period)
 
+    def linger(self, seconds):
+        """Spin for a time without publishing."""
+        linger(self.executor, seconds)
+
 
 def assert_clean(process):
     status, _, error = process.end()
     assert 'Traceback' not in error and 'Error' not in error, error
     assert status == 0, (status, error)
-    deadline = time.monotonic() + DEADLINE
-    while not process.group_is_empty():
-        assert time.monotonic() < deadline, 'a process was left behind'
-        time.sleep(0.01)
+    assert group_ends(process.popen.pid), 'a process was left behind'
+
+
+def group_ends(group, within=DEADLINE):
+    """Tell whether every process of a group is gone in time."""
+    deadline = time.monotonic() + within
+    while time.monotonic() < deadline:
+        try:
+            os.killpg(group, 0)
+        except ProcessLookupError:
+            return True
+        time.sleep(0.005)
+    return False
 
 
 def answer_of(feed):

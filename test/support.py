@@ -76,6 +76,13 @@ def assert_unknown(cycle):
     assert flag is True
 
 
+def linger(executor, seconds):
+    """Spin for a time, whatever happens."""
+    deadline = time.monotonic() + seconds
+    while time.monotonic() < deadline:
+        executor.spin_once(timeout_sec=0.01)
+
+
 def parameter_values(**changes):
     """Give a value for every parameter of the table, by name: a three-joint arm's."""
     values = {row.name: row.default(3, 'arm') if callable(row.default) else row.default
@@ -150,9 +157,7 @@ class Bench:
 
     def linger(self, seconds):
         """Spin for a time in which something must not happen."""
-        deadline = time.monotonic() + seconds
-        while time.monotonic() < deadline:
-            self.executor.spin_once(timeout_sec=0.01)
+        linger(self.executor, seconds)
 
     def _is_connected(self):
         return (all(s.get_publisher_count() > 0 for s in self.peer.subscriptions)

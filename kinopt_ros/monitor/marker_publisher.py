@@ -7,6 +7,7 @@ from std_msgs.msg import Header
 from visualization_msgs.msg import MarkerArray
 
 from kinopt_ros.monitor.markers import marker_array, plane_pose_of
+from kinopt_ros.monitor.on_demand import publish_on_demand
 
 
 class MarkerPublisher:
@@ -35,16 +36,17 @@ class MarkerPublisher:
 
     def publish(self, header, now):
         """Publish the latest verdict, if somebody listens and the rate permits."""
-        if self._publisher.get_subscription_count() == 0:
-            return
-        configuration = self._monitor.configuration
+        period = 1.0 / self._monitor.configuration.marker_rate
         # A posture that was lost is shown at once.
-        if self._monitor.knows_posture and now - self._last < 1.0 / configuration.marker_rate:
-            return
+        if now - self._last >= period or not self._monitor.knows_posture:
+            publish_on_demand(self._publisher, self._markers_of, header, now)
+
+    def _markers_of(self, header, now):
         self._last = now
         frame, pose = self._frame, self._pose
-        if configuration.base_frame:
-            frame, pose = configuration.base_frame, Pose()
-        self._publisher.publish(marker_array(
+        base_frame = self._monitor.configuration.base_frame
+        if base_frame:
+            frame, pose = base_frame, Pose()
+        return marker_array(
             self._monitor, Header(stamp=header.stamp, frame_id=frame), pose,
-            self._optimum.circle_radius))
+            self._optimum.circle_radius)

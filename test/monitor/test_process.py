@@ -6,7 +6,7 @@ import subprocess
 import sys
 import time
 
-from processes import answer_of, ARM, assert_clean, children_of
+from processes import answer_of, ARM, assert_clean, children_of, group_ends
 import pytest
 from support import DEADLINE, expected_numbers, LENGTHS, NAMES, REGULAR
 
@@ -83,10 +83,7 @@ def test_nothing_is_left_when_it_is_killed(start):
         time.sleep(0.01)
     process.popen.kill()
     process.end()
-    deadline = time.monotonic() + DEADLINE
-    while not process.group_is_empty():
-        assert time.monotonic() < deadline, 'a process was left behind'
-        time.sleep(0.01)
+    assert group_ends(process.popen.pid), 'a process was left behind'
 
 
 def complaints(error):

@@ -1,10 +1,10 @@
 """Publishers that die, interleave, flood, and send what nobody expects."""
 
 import signal
-import subprocess
 import time
 
-import pytest
+from processes import answer_of, ARM, assert_clean
+from sensor_msgs.msg import JointState
 from support import (
     assert_numbers,
     assert_unknown,
@@ -20,39 +20,18 @@ FLOOD_RATE = 5000.0
 FLOOD_TIME = 2.0
 
 
-@pytest.fixture
-def simulated_arm():
-    """Give a factory of simulated arms, processes of their own."""
-    from processes import ARM, EXECUTABLE
-    executable = EXECUTABLE.with_name('simulated_arm')
-    if not executable.exists():
-        pytest.skip(f'the package is not installed beside this interpreter: no {executable}')
-    processes = []
-
-    def make():
-        processes.append(subprocess.Popen(
-            [executable, '--ros-args', *ARM], stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL))
-        return processes[-1]
-
-    yield make
-    for process in processes:
-        process.kill()
-        process.wait()
-
-
 def knows(cycle):
     return cycle[0].z == cycle[0].z
 
 
-def test_publisher_killed_and_restarted(make_bench, simulated_arm):
+def test_publisher_killed_and_restarted(make_bench, start):
     bench = make_bench({'stale_timeout': TIMEOUT})
     for _ in range(3):
-        arm = simulated_arm()
+        arm = start(*ARM, executable='simulated_arm')
         heard = len(bench.cycles)
         bench.wait(lambda heard=heard: any(map(knows, bench.cycles[heard:])), 'recovery')
-        arm.send_signal(signal.SIGKILL)
-        arm.wait()
+        arm.popen.kill()
+        arm.end()
         killed = time.monotonic()
         bench.wait(lambda: not knows(bench.cycles[-1]), 'staleness')
         assert time.monotonic() - killed < TIMEOUT + 0.5
@@ -63,7 +42,7 @@ def test_publisher_killed_and_restarted(make_bench, simulated_arm):
 def test_two_publishers_with_interleaved_parts(make_bench, soak):
     """Each part completes a posture of the newest positions, whoever sent them."""
     bench = make_bench({'stale_timeout': 30.0})
-    second = bench.peer.create_publisher(type(bench_message()), 'joint_states', 10)
+    second = bench.peer.create_publisher(JointState, 'joint_states', 10)
     bench.wait(lambda: second.get_subscription_count() > 0, 'the second publisher')
     subscription, = (s for s in bench.monitor.subscriptions if s.topic_name == '/joint_states')
     bench.wait(lambda: subscription.get_publisher_count() == 2, 'the second publisher')
@@ -79,37 +58,25 @@ def test_two_publishers_with_interleaved_parts(make_bench, soak):
         assert len(bench.cycles) == step + 2
 
 
-def bench_message():
-    from sensor_msgs.msg import JointState
-    return JointState()
-
-
 def test_flood(start, feed):
     """A publisher far faster than the node: readings are passed over, never worked off late."""
-    from processes import ARM, assert_clean
     process = start(*ARM)
-    feed.until(lambda: [z for z in feed.heard if z == z])
+    feed.until(lambda: answer_of(feed))
     sent, begun = 0, time.monotonic()
     while (elapsed := time.monotonic() - begun) < FLOOD_TIME:
         while sent < FLOOD_RATE * elapsed:
-            feed.publisher.publish(joint_state(REGULAR))
+            feed.publisher.publish(JointState(name=NAMES, position=REGULAR))
             sent += 1
         feed.executor.spin_once(timeout_sec=0.0)
     expected = expected_numbers(LENGTHS, ISOTROPIC).z
     last = time.monotonic()
-    feed.publisher.publish(joint_state(ISOTROPIC))
+    feed.publisher.publish(JointState(name=NAMES, position=ISOTROPIC))
     while not (feed.heard and abs(feed.heard[-1] - expected) < 1e-9):
         assert time.monotonic() - last < 0.45, 'the node lags behind the flood'
         feed.executor.spin_once(timeout_sec=0.01)
     assert sent > 0.5 * FLOOD_RATE * FLOOD_TIME
     process.popen.send_signal(signal.SIGINT)
     assert_clean(process)
-
-
-def joint_state(positions):
-    message = bench_message()
-    message.name, message.position = NAMES, positions
-    return message
 
 
 def test_names_by_the_ten_thousand(make_bench):

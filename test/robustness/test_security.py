@@ -9,6 +9,7 @@ never runs open where security is demanded.
 from pathlib import Path
 from xml.etree import ElementTree
 
+from processes import ARM
 import pytest
 from rclpy.parameter import Parameter
 from support import LENGTHS, NAMES
@@ -106,7 +107,6 @@ def test_supervisor_reaches_the_services_that_exist(make_bench, service):
 @pytest.mark.parametrize('strategy', ['Enforce', 'Permissive'])
 def test_never_open_where_security_is_demanded(start, tmp_path, monkeypatch, strategy):
     """Without keys, or without a middleware that can: it refuses to start, in one line."""
-    from processes import ARM
     if strategy == 'Permissive':
         pytest.importorskip('ros_wheels_bootstrapper', reason='a ROS install may start open')
     (tmp_path / 'enclaves').mkdir()

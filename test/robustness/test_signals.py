@@ -1,13 +1,12 @@
 """SIGINT and SIGTERM at random moments: status 0, nothing on stderr but the log, no orphan."""
 
-import os
 import random
 import signal
 import subprocess
 import sys
 import time
 
-from processes import ARM
+from processes import ARM, group_ends
 import pytest
 
 SIGNALS = 20
@@ -47,16 +46,4 @@ def test_at_random_moments(soak, executor):
             node.kill()
         assert node.returncode == 0, (number, delay, error)
         assert all(line.startswith('[INFO]') for line in error.splitlines()), (delay, error)
-        assert group_ends(node.pid), delay
-
-
-def group_ends(group):
-    """Tell whether every process of a group is gone, soon."""
-    deadline = time.monotonic() + 5.0
-    while time.monotonic() < deadline:
-        try:
-            os.killpg(group, 0)
-        except ProcessLookupError:
-            return True
-        time.sleep(0.005)
-    return False
+        assert group_ends(node.pid, within=5.0), delay

@@ -2,8 +2,8 @@
 
 import math
 import signal
-import time
 
+from processes import ARM
 import pytest
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
@@ -19,7 +19,6 @@ QUEUED = 6
 @pytest.fixture
 def watched(start, feed):
     """Give a process that is fed, and the flags heard of it."""
-    from processes import ARM
     flags = []
     feed.node.create_subscription(
         Bool, '/singularity_monitor/near_singularity',
@@ -30,33 +29,32 @@ def watched(start, feed):
     process.popen.send_signal(signal.SIGCONT)
 
 
-def linger(feed, seconds):
-    end = time.monotonic() + seconds
-    while time.monotonic() < end:
-        feed.executor.spin_once(timeout_sec=0.01)
+def pause(feed, watched, positions, seconds):
+    """
+    Stop the process for longer than the time-out, with messages coming at first; then go on.
 
-
-def pause(feed, process, positions, seconds):
-    """Stop the process for longer than the time-out, with messages coming at first."""
+    Gives the flags that are heard from then on.
+    """
+    process, flags = watched
     # A verdict that is just being published when the process stops is of fresh data, and comes
     # out when it goes on: let there be none.
-    linger(feed, 0.03)
+    feed.linger(0.03)
     process.popen.send_signal(signal.SIGSTOP)
-    linger(feed, 0.02)
+    feed.linger(0.02)
     for _ in range(QUEUED):
         feed.publisher.publish(JointState(name=NAMES, position=positions))
-    linger(feed, seconds)
+    feed.linger(seconds)
+    flags.clear()
+    feed.heard.clear()
+    process.popen.send_signal(signal.SIGCONT)
+    return flags
 
 
 @pytest.mark.parametrize('seconds', PAUSES)
 def test_nothing_is_said_of_data_older_than_the_pause(watched, feed, seconds):
     """The publisher stopped meanwhile: what waited in the queue is no reading any more."""
-    process, flags = watched
-    pause(feed, process, REGULAR, seconds)
-    flags.clear()
-    feed.heard.clear()
-    process.popen.send_signal(signal.SIGCONT)
-    linger(feed, 0.5)
+    flags = pause(feed, watched, REGULAR, seconds)
+    feed.linger(0.5)
     assert False not in flags, 'OK from data older than the pause'
     assert flags and all(map(math.isnan, feed.heard[-1:]))
 
@@ -64,18 +62,12 @@ def test_nothing_is_said_of_data_older_than_the_pause(watched, feed, seconds):
 @pytest.mark.parametrize('seconds', PAUSES)
 def test_the_first_word_after_the_pause_is_of_fresh_data(watched, feed, seconds):
     """The arm moved to a singularity meanwhile: not one OK of where it was before."""
-    process, flags = watched
-    pause(feed, process, REGULAR, seconds)
-    flags.clear()
-    process.popen.send_signal(signal.SIGCONT)
+    flags = pause(feed, watched, REGULAR, seconds)
     feed.until(lambda: len(flags) > 20, positions=STRETCHED)
     assert all(flags)
 
 
 @pytest.mark.parametrize('seconds', PAUSES)
 def test_it_goes_on_after_the_pause(watched, feed, seconds):
-    process, flags = watched
-    pause(feed, process, STRETCHED, seconds)
-    flags.clear()
-    process.popen.send_signal(signal.SIGCONT)
+    flags = pause(feed, watched, STRETCHED, seconds)
     feed.until(lambda: False in flags)
