@@ -35,7 +35,16 @@ class MarkerPublisher:
         self._publisher = node.create_publisher(MarkerArray, '~/markers', 10)
 
     def publish(self, header, now):
-        """Publish the latest verdict, if somebody listens and the rate permits."""
+        """
+        Publish the latest verdict, if somebody listens and the rate permits.
+
+        Parameters
+        ----------
+        header : callable
+            Gives the header of the JointState that was judged.
+        now : float
+            Time in s.
+        """
         period = 1.0 / self._monitor.configuration.marker_rate
         # A posture that was lost is shown at once.
         if now - self._last >= period or not self._monitor.knows_posture:
@@ -48,5 +57,5 @@ class MarkerPublisher:
         if base_frame:
             frame, pose = base_frame, Pose()
         return marker_array(
-            self._monitor, Header(stamp=header.stamp, frame_id=frame), pose,
+            self._monitor, Header(stamp=header().stamp, frame_id=frame), pose,
             self._optimum.circle_radius)

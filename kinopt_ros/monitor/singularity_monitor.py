@@ -24,6 +24,7 @@ from std_msgs.msg import (
 
 from kinopt_ros.monitor.described_arm import arm_parameters, DescribedArm
 from kinopt_ros.monitor.diagnostics import diagnostic_array, InputRate, key_values
+from kinopt_ros.monitor.joint_state_reader import JointStateReader, UnreadableError
 from kinopt_ros.monitor.marker_publisher import MarkerPublisher
 from kinopt_ros.monitor.on_demand import publish_on_demand
 from kinopt_ros.monitor.optimum_services import LATCHED, OptimumServices
@@ -43,6 +44,9 @@ from kinopt_ros.monitor.verdict import verdict_without_arm
 # Deep enough that the parts of a split JointState do not overwrite each other, too shallow
 # for a lag; a late reading is worth nothing, so it is not sent again.
 JOINT_STATES_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+# Of messages that cannot be read one is told in so many s.
+_WARNING_PERIOD = 10.0
 
 # A clock that no pause of simulated time and no jump of the wall clock moves; unlike the
 # monotonic clock this one also counts the time for which the machine was suspended.
@@ -73,7 +77,8 @@ class SingularityMonitor(Node):
         self._monitor = None
         self._optimum = None
         self._typed = None
-        self._header = None
+        self._reading = None
+        self._reader = JointStateReader()
         self._published = None
         self._input_rate = InputRate()
         values = declare(self, (EXECUTOR, CPU_AFFINITY, *DESCRIPTION_TABLE, *BEHAVIOUR_TABLE))
@@ -146,7 +151,7 @@ class SingularityMonitor(Node):
     def _subscribe(self):
         try:
             self.create_subscription(
-                JointState, 'joint_states', self._on_joint_state, JOINT_STATES_QOS,
+                JointState, 'joint_states', self._on_joint_state, JOINT_STATES_QOS, raw=True,
                 qos_overriding_options=QoSOverridingOptions.with_default_policies(
                     callback=_judge_qos))
         except (InvalidQosOverridesError, RuntimeError) as error:
@@ -166,16 +171,20 @@ class SingularityMonitor(Node):
             return None
         return TypedInterfaces(self, self._monitor, self._optimum)
 
-    def _on_joint_state(self, message):
+    def _on_joint_state(self, data):
         now = steady_time()
-        header = message.header
+        try:
+            reading = self._reader.read(data)
+        except UnreadableError as error:
+            self.get_logger().warning(
+                f'joint_states: {error}', throttle_duration_sec=_WARNING_PERIOD)
+            return
         verdict = self._monitor.look(now) or self._monitor.on_joint_state(
-            message.name, message.position, now, message.velocity,
-            header.stamp.sec + 1e-9 * header.stamp.nanosec)
+            reading.names, reading.positions, now, reading.velocities, reading.stamp)
         if verdict is None:
             self._publish_news()
             return
-        self._header = header
+        self._reading = reading
         if self._monitor.knows_posture:
             self._input_rate.tick(now)
         self._publish(verdict, now)
@@ -211,8 +220,8 @@ class SingularityMonitor(Node):
             return
         publish_on_demand(self._gradient, _gradient_of, self._monitor)
         if self._typed is not None:
-            self._typed.publish_state(self._header or Header())
-        self._markers.publish(self._header or Header(), now)
+            self._typed.publish_state(self._header)
+        self._markers.publish(self._header, now)
 
     def _publish_news(self):
         """Publish the diagnostics at once when the level or its reason is another."""
@@ -230,9 +239,13 @@ class SingularityMonitor(Node):
         values = ()
         if self._monitor is not None:
             values = key_values(self._monitor, self._input_rate.per_second(steady_time()))
-        stamp = self._header.stamp if self._header else self.get_clock().now().to_msg()
+        stamp = self._header().stamp if self._reading else self.get_clock().now().to_msg()
         return diagnostic_array(
             verdict, values, self.get_fully_qualified_name(), self._hardware_id, stamp)
+
+    def _header(self):
+        """Header of the JointState that was judged last."""
+        return self._reading.header if self._reading else Header()
 
     def _on_configuration(self, configuration):
         self._on_watchdog()

@@ -37,7 +37,14 @@ class TypedInterfaces:
             node, SolveOptimalPosture, '~/solve_optimal_posture', self._on_request)
 
     def publish_state(self, header):
-        """Publish the latest verdict with the header of its JointState, if somebody listens."""
+        """
+        Publish the latest verdict with the header of its JointState, if somebody listens.
+
+        Parameters
+        ----------
+        header : callable
+            Gives that header.
+        """
         publish_on_demand(self._state, _state, self._monitor, header)
 
     def _on_request(self, request):
@@ -126,7 +133,7 @@ def _state(monitor, header):
     verdict, motion = monitor.verdict, monitor.motion()
     known = monitor.knows_posture
     return KinetostaticState(
-        header=header, z=verdict.index.z,
+        header=header(), z=verdict.index.z,
         conditioning_length=verdict.index.conditioning_length, margin=verdict.index.margin,
         near_singularity=verdict.near_singularity, level=bytes([verdict.level]),
         message=verdict.message, joint_names=monitor.configuration.arm.joint_names,
