@@ -9,7 +9,6 @@ compared as bytes, and only the numbers are made.
 import struct
 from typing import NamedTuple
 
-from builtin_interfaces.msg import Time
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
@@ -53,8 +52,9 @@ class Reading(NamedTuple):
     @property
     def header(self):
         """Header of the message."""
-        return Header(stamp=Time(sec=self.seconds, nanosec=self.nanoseconds),
-                      frame_id=self.frame_id)
+        header = Header(frame_id=self.frame_id)
+        header.stamp.sec, header.stamp.nanosec = self.seconds, self.nanoseconds
+        return header
 
 
 class JointStateReader:

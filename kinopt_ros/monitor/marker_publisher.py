@@ -7,7 +7,7 @@ from std_msgs.msg import Header
 from visualization_msgs.msg import MarkerArray
 
 from kinopt_ros.monitor.markers import marker_array, plane_pose_of
-from kinopt_ros.monitor.on_demand import publish_on_demand
+from kinopt_ros.monitor.on_demand import OnDemandPublisher
 
 
 class MarkerPublisher:
@@ -32,7 +32,8 @@ class MarkerPublisher:
             self._frame = subchain.parent_link
             self._pose = plane_pose_of(subchain.plane_frame_in_parent)
         self._last = -math.inf
-        self._publisher = node.create_publisher(MarkerArray, '~/markers', 10)
+        self._publisher = OnDemandPublisher(
+            node.create_publisher(MarkerArray, '~/markers', 10), self._markers_of)
 
     def publish(self, header, now):
         """
@@ -48,7 +49,7 @@ class MarkerPublisher:
         period = 1.0 / self._monitor.configuration.marker_rate
         # A posture that was lost is shown at once.
         if now - self._last >= period or not self._monitor.knows_posture:
-            publish_on_demand(self._publisher, self._markers_of, header, now)
+            self._publisher.publish(header, now)
 
     def _markers_of(self, header, now):
         self._last = now

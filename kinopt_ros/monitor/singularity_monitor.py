@@ -26,7 +26,7 @@ from kinopt_ros.monitor.described_arm import arm_parameters, DescribedArm
 from kinopt_ros.monitor.diagnostics import diagnostic_array, InputRate, key_values
 from kinopt_ros.monitor.joint_state_reader import JointStateReader, UnreadableError
 from kinopt_ros.monitor.marker_publisher import MarkerPublisher
-from kinopt_ros.monitor.on_demand import publish_on_demand
+from kinopt_ros.monitor.on_demand import OnDemandPublisher, one_value
 from kinopt_ros.monitor.optimum_services import LATCHED, OptimumServices
 from kinopt_ros.monitor.parameters import (
     BEHAVIOUR_TABLE,
@@ -93,12 +93,16 @@ class SingularityMonitor(Node):
             self._wait_for_description(described_arm)
 
     def _create_publishers(self):
-        self._z = self.create_publisher(Float64, '~/z', 10)
-        self._conditioning_length = self.create_publisher(Float64, '~/conditioning_length', 10)
-        self._margin = self.create_publisher(Float64, '~/margin', 10)
-        self._near_singularity = self.create_publisher(Bool, '~/near_singularity', 10)
-        self._gradient = self.create_publisher(Float64MultiArray, '~/gradient', 10)
-        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        def on_demand(message_type, topic, make_message=None):
+            return OnDemandPublisher(self.create_publisher(message_type, topic, 10),
+                                     make_message or one_value(message_type()))
+
+        self._z = on_demand(Float64, '~/z')
+        self._conditioning_length = on_demand(Float64, '~/conditioning_length')
+        self._margin = on_demand(Float64, '~/margin')
+        self._near_singularity = on_demand(Bool, '~/near_singularity')
+        self._gradient = on_demand(Float64MultiArray, '~/gradient', _gradient_of)
+        self._diagnostics = on_demand(DiagnosticArray, '/diagnostics', self._diagnostics_of)
 
     def _wait_for_description(self, described_arm):
         self._verdict_without_arm = verdict_without_arm('waiting for robot_description')
@@ -212,13 +216,13 @@ class SingularityMonitor(Node):
 
     def _publish(self, verdict, now):
         index = verdict.index
-        publish_on_demand(self._z, _number, index.z)
-        publish_on_demand(self._conditioning_length, _number, index.conditioning_length)
-        publish_on_demand(self._margin, _number, index.margin)
-        publish_on_demand(self._near_singularity, _flag, verdict.near_singularity)
+        self._z.publish(index.z)
+        self._conditioning_length.publish(index.conditioning_length)
+        self._margin.publish(index.margin)
+        self._near_singularity.publish(verdict.near_singularity)
         if self._monitor is None:
             return
-        publish_on_demand(self._gradient, _gradient_of, self._monitor)
+        self._gradient.publish(self._monitor)
         if self._typed is not None:
             self._typed.publish_state(self._header)
         self._markers.publish(self._header, now)
@@ -233,7 +237,7 @@ class SingularityMonitor(Node):
         verdict = (self._verdict_without_arm if self._monitor is None
                    else self._monitor.verdict)
         self._published = (verdict.level, verdict.reason)
-        publish_on_demand(self._diagnostics, self._diagnostics_of, verdict)
+        self._diagnostics.publish(verdict)
 
     def _diagnostics_of(self, verdict):
         values = ()
@@ -279,14 +283,6 @@ class SingularityMonitor(Node):
 def _judge_qos(profile):
     return QosCallbackResult(
         successful=profile.depth > 0, reason=f'depth = {profile.depth}: must be above 0')
-
-
-def _number(value):
-    return Float64(data=value)
-
-
-def _flag(value):
-    return Bool(data=value)
 
 
 def _gradient_of(monitor):

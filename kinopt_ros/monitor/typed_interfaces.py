@@ -10,7 +10,7 @@ from kinopt_interfaces.msg import KinetostaticState, PostureAlternative
 from kinopt_interfaces.srv import SolveOptimalPosture
 from kinopt_ros.kinetostatics.planar_arm import PlanarArm
 from kinopt_ros.monitor.deferred_service import create_deferred_service
-from kinopt_ros.monitor.on_demand import publish_on_demand
+from kinopt_ros.monitor.on_demand import OnDemandPublisher
 from kinopt_ros.monitor.optimum_services import completed, mapped
 
 # The most joints of a request: the solver's time grows with them.
@@ -32,7 +32,8 @@ class TypedInterfaces:
     def __init__(self, node, monitor, optimum):
         self._monitor = monitor
         self._optimum = optimum
-        self._state = node.create_publisher(KinetostaticState, '~/state', 10)
+        self._state = OnDemandPublisher(
+            node.create_publisher(KinetostaticState, '~/state', 10), _state)
         create_deferred_service(
             node, SolveOptimalPosture, '~/solve_optimal_posture', self._on_request)
 
@@ -45,7 +46,7 @@ class TypedInterfaces:
         header : callable
             Gives that header.
         """
-        publish_on_demand(self._state, _state, self._monitor, header)
+        self._state.publish(self._monitor, header)
 
     def _on_request(self, request):
         try:

@@ -2,7 +2,7 @@
 
 from std_msgs.msg import Float64
 
-from kinopt_ros.monitor.on_demand import publish_on_demand
+from kinopt_ros.monitor.on_demand import OnDemandPublisher
 
 
 def test_only_while_somebody_listens(feed):
@@ -13,15 +13,16 @@ def test_only_while_somebody_listens(feed):
         made.append(value)
         return Float64(data=value * factor)
 
-    publish_on_demand(publisher, make, 1.0, 10.0)
+    on_demand = OnDemandPublisher(publisher, make)
+    on_demand.publish(1.0, 10.0)
     assert made == []
     subscription = feed.node.create_subscription(
         Float64, 'numbers', lambda message: heard.append(message.data), 10)
     feed.until(lambda: publisher.get_subscription_count() == 1)
-    publish_on_demand(publisher, make, 2.0, 10.0)
+    on_demand.publish(2.0, 10.0)
     feed.until(lambda: heard)
     assert (made, heard) == ([2.0], [20.0])
     feed.node.destroy_subscription(subscription)
     feed.until(lambda: publisher.get_subscription_count() == 0)
-    publish_on_demand(publisher, make, 3.0, 10.0)
+    on_demand.publish(3.0, 10.0)
     assert made == [2.0]
