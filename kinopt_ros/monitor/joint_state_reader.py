@@ -14,9 +14,9 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
 # Layouts kept: an arm's parts may come from so many publishers in turn.
-_MOST_LAYOUTS = 4
-# With more names to compare there is no time to win.
-_MOST_NAMES = 64
+_MOST_LAYOUTS = 8
+# Of longer messages (bytes) there is no time to win, and nothing to be kept.
+_LONGEST = 8192
 
 
 class UnreadableError(ValueError):
@@ -95,12 +95,14 @@ class JointStateReader:
                        message.position, message.velocity)
 
     def _learn(self, message, data):
-        if len(message.name) > _MOST_NAMES:
+        if len(data) > _LONGEST:
             return
         layout = _Layout(message)
         reading = layout.read(data)
         # The middleware's own reading decides whether this one is right.
-        if reading is not None and _same_bits(reading.positions, message.position):
+        if (reading is not None and reading.header == message.header
+                and _same_bits(reading.positions, message.position)
+                and _same_bits(reading.velocities, message.velocity)):
             self._layouts = (layout, *self._layouts[:_MOST_LAYOUTS - 1])
 
 
@@ -119,8 +121,8 @@ class _Layout:
 
     def __init__(self, message):
         self._frame_id, self._names = message.header.frame_id, message.name
-        self._constants, self._size = [b'\x00\x01'], 0
-        self._constant_form, self._number_form = '<2s2x', '<4x'
+        self._constants, self._size = [b'\x00\x01\x00\x00'], 0
+        self._constant_form, self._number_form = '<4s', '<4x'
         self._add_numbers('iI', 8)
         self._add_text(self._frame_id)
         self._add_constant('I', 4, len(self._names))

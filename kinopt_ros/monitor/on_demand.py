@@ -31,7 +31,8 @@ def one_value(message):
     """
     Give a function that puts its argument into the field `data` of a message and gives that.
 
-    It is always the same message: to publish copies it, to make another takes longer.
+    It is always the same message: to publish copies it, to make another takes longer. One thread
+    at a time may publish it, as the callbacks of one group do.
     """
     def make_message(value):
         message.data = value

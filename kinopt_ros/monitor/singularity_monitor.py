@@ -45,8 +45,9 @@ from kinopt_ros.monitor.verdict import verdict_without_arm
 # for a lag; a late reading is worth nothing, so it is not sent again.
 JOINT_STATES_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 
-# Of messages that cannot be read one is told in so many s.
+# Of messages that cannot be read one is told in so many s, by this clock.
 _WARNING_PERIOD = 10.0
+_WARNING_CLOCK = Clock(clock_type=ClockType.STEADY_TIME)
 
 # A clock that no pause of simulated time and no jump of the wall clock moves; unlike the
 # monotonic clock this one also counts the time for which the machine was suspended.
@@ -181,7 +182,8 @@ class SingularityMonitor(Node):
             reading = self._reader.read(data)
         except UnreadableError as error:
             self.get_logger().warning(
-                f'joint_states: {error}', throttle_duration_sec=_WARNING_PERIOD)
+                f'joint_states: {error}', throttle_duration_sec=_WARNING_PERIOD,
+                throttle_time_source_type=_WARNING_CLOCK)
             return
         verdict = self._monitor.look(now) or self._monitor.on_joint_state(
             reading.names, reading.positions, now, reading.velocities, reading.stamp)
