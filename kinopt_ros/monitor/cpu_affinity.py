@@ -9,6 +9,9 @@ import contextlib
 import os
 from pathlib import Path
 
+# The threads of Fast DDS that keep its timers are called so, with a number.
+_TIMER_THREADS = 'dds.ev.'
+
 # What the system, or whoever started the process, gives it: for its children too.
 _GIVEN = os.sched_getaffinity(0) if hasattr(os, 'sched_getaffinity') else None
 
@@ -41,6 +44,22 @@ def keep_to_one_core():
                 os.sched_setaffinity(thread, {core})
         bound |= unbound
     return core
+
+
+def let_timers_wait():
+    """
+    Let the middleware's timers wait until the thread that runs on their core pauses.
+
+    Each publication sets one; its thread would interrupt the one that publishes, for each topic
+    anew. What somebody has put before others, in real time for instance, is left there.
+    """
+    for thread in _threads():
+        # It may have ended, or the system may forbid it: then all is as it was.
+        with contextlib.suppress(OSError):
+            name = Path(f'/proc/self/task/{thread}/comm').read_text()
+            if name.startswith(_TIMER_THREADS) and (
+                    os.sched_getscheduler(thread) == os.SCHED_OTHER):
+                os.sched_setscheduler(thread, os.SCHED_BATCH, os.sched_param(0))
 
 
 def given_cores():

@@ -137,6 +137,7 @@ def _choose_cores(node):
         return
     try:
         core = cpu_affinity.keep_to_one_core()
+        cpu_affinity.let_timers_wait()
     except OSError as error:
         # A sandbox may forbid it; the node does its work all the same.
         node.get_logger().warning(f'cannot keep to one core: {error}')

@@ -39,6 +39,41 @@ def test_all_threads_keep_to_one_core_by_default(start, feed):
     assert_clean(process)
 
 
+def policies_of_threads(pid):
+    """Give (name, scheduling policy) of each thread."""
+    return [((task / 'comm').read_text().strip(), os.sched_getscheduler(int(task.name)))
+            for task in Path(f'/proc/{pid}/task').iterdir()]
+
+
+@pytest.mark.parametrize('choice', ['one', 'all'])
+def test_only_timers_wait_for_the_others_on_their_core(start, feed, choice):
+    process = start(*ARM, '-p', f'cpu_affinity:={choice}')
+    feed.until(lambda: answer_of(feed))
+    policies = policies_of_threads(process.popen.pid)
+    timers = [policy for name, policy in policies if name.startswith('dds.ev')]
+    if not timers:
+        pytest.skip('another middleware than Fast DDS')
+    assert set(timers) == {os.SCHED_BATCH if choice == 'one' else os.SCHED_OTHER}
+    assert {policy for name, policy in policies if not name.startswith('dds.ev')} == {
+        os.SCHED_OTHER}
+
+
+@pytest.mark.skipif(shutil.which('chrt') is None, reason='needs chrt')
+def test_real_time_priority_is_left_alone(start, feed):
+    """Of a process that somebody has started with it."""
+    allowed = subprocess.run(['chrt', '-r', '5', 'true'], capture_output=True, check=False)
+    if allowed.returncode:
+        pytest.skip('real-time priority is not permitted here')
+    before = os.sched_getscheduler(0), os.sched_getparam(0)
+    os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(5))
+    try:
+        process = start(*ARM)
+    finally:
+        os.sched_setscheduler(0, *before)
+    feed.until(lambda: answer_of(feed))
+    assert {policy for _, policy in policies_of_threads(process.popen.pid)} == {os.SCHED_RR}
+
+
 def test_solver_may_use_all_cores(start, feed):
     process = start(*ARM)
     feed.until(lambda: answer_of(feed))
