@@ -9,6 +9,7 @@ all threads of the process, user and system, by the kernel's scheduler statistic
 import math
 import os
 from pathlib import Path
+import random
 import signal
 import subprocess
 import sys
@@ -31,7 +32,7 @@ LENGTHS = (1.0, 1.0, math.sqrt(3.0) / 3.0)
 # So many postures pass before one comes again: longer than any latency.
 POSTURES = 5000
 START_DEADLINE = 20.0
-WARM_UP = 1.0
+WARM_UP = 0.2
 
 MONITOR = ('import sys; from kinopt_ros import executables; '
            'sys.exit(executables.singularity_monitor())')
@@ -72,6 +73,8 @@ class Probe:
         Of the process that is measured; it ends with the probe.
     hear_all : bool
         Whether the other topics have a subscriber too.
+    namespace : str
+        In which the process and the probe are.
 
     Attributes
     ----------
@@ -79,10 +82,10 @@ class Probe:
         Time in s from its start to the first z.
     """
 
-    def __init__(self, command, hear_all=False):
-        self._node = Node('probe')
+    def __init__(self, command, hear_all=False, namespace='/system'):
+        self._node = Node('probe', namespace=namespace)
         # No executor calls it: that a message gets here is enough.
-        self._listener = Node('listener')
+        self._listener = Node('listener', namespace=namespace)
         for name, message_type in OTHER_TOPICS.items() if hear_all else ():
             self._listener.create_subscription(
                 message_type, f'singularity_monitor/{name}', lambda _: None, 1)
@@ -100,8 +103,9 @@ class Probe:
         self._number.update({elbow: i for i, elbow in enumerate(elbows)})
         self._sent, self._heard = {}, {}
         started = time.monotonic()
-        self._process = subprocess.Popen(command, stdin=subprocess.DEVNULL,
-                                         stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
+        self._process = subprocess.Popen(
+            [*command, '-r', f'__ns:={namespace}'], stdin=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
         try:
             self.startup = self._first_answer(started)
         except BaseException:
@@ -213,36 +217,30 @@ class Probe:
         self._listener.destroy_node()
 
 
-def figures_of(command, runs, hear_all=False):
-    """Figures of a process of its own for each (rate, seconds, ask) of runs."""
-    probe = Probe(command, hear_all)
-    try:
-        return [probe.run(*run) for run in runs]
-    finally:
-        probe.close()
-
-
 def measure(seconds, rounds, rates=RATES):
     """
     Give a row for each system and rate: medians over rounds in which the systems take turns.
 
-    The ratios are medians of the ratios to the plain relay of the same round. In the first
-    rows somebody listens to z alone; two systems come once more, with all their topics heard.
+    All of them run all the time, and each is fed for so many seconds in a round: whatever
+    disturbs the machine for longer disturbs all of them. The ratios are medians of the ratios
+    to the plain relay in the same round. In the first rows somebody listens to z alone; two
+    systems come once more, with all their topics heard.
     """
-    return (_measured(SYSTEMS, False, seconds, rounds, rates)
-            + _measured(('relay, single', 'monitor, events'), True, seconds, rounds, rates))
-
-
-def _measured(systems, hear_all, seconds, rounds, rates):
-    results = {}
-    for _ in range(rounds):
-        for name in systems:
-            runs = [(rate, seconds, False) for rate in rates]
-            for figures in figures_of(SYSTEMS[name], runs, hear_all):
-                results.setdefault((name, figures['rate_hz']), []).append(figures)
-    return [_row(f'{name}, all heard' if hear_all else name, repeated,
-                 results['relay, single', rate])
-            for (name, rate), repeated in results.items()]
+    probes, results = {}, {}
+    try:
+        for name in SYSTEMS:
+            probes[name, ''] = Probe(SYSTEMS[name], False, f'/system_{len(probes)}')
+        for name in ('relay, single', 'monitor, events'):
+            probes[name, ', all heard'] = Probe(SYSTEMS[name], True, f'/system_{len(probes)}')
+        for _ in range(rounds):
+            for rate in rates:
+                for key in random.sample(list(probes), len(probes)):
+                    results.setdefault((*key, rate), []).append(probes[key].run(rate, seconds))
+    finally:
+        for probe in probes.values():
+            probe.close()
+    return [_row(name + heard, results[name, heard, rate], results['relay, single', heard, rate])
+            for name, heard in probes for rate in rates]
 
 
 def _row(name, repeated, plain):
@@ -257,7 +255,11 @@ def _row(name, repeated, plain):
 
 def endurance(seconds):
     """Messages lost, and memory, at 1000 Hz."""
-    return figures_of(SYSTEMS['monitor, events'], [(1000, seconds, False)])[0]
+    probe = Probe(SYSTEMS['monitor, events'])
+    try:
+        return probe.run(1000, seconds)
+    finally:
+        probe.close()
 
 
 def under_load(seconds):

@@ -16,14 +16,15 @@ class OnDemandPublisher:
     """
 
     def __init__(self, publisher, make_message):
+        # Of the handle: the publisher's own method guards a question that needs no guard, and
+        # all topics are asked in each cycle.
+        self._subscription_count = publisher.handle.get_subscription_count
         self._publisher = publisher
         self._make_message = make_message
 
     def publish(self, *arguments):
         """Publish what make_message(*arguments) gives, if somebody listens."""
-        # Of the handle: the publisher's own method guards a question that needs no guard, and
-        # all topics are asked in each cycle.
-        if self._publisher.handle.get_subscription_count() > 0:
+        if self._subscription_count() > 0:
             self._publisher.publish(self._make_message(*arguments))
 
 
