@@ -9,7 +9,6 @@ all threads of the process, user and system, by the kernel's scheduler statistic
 import math
 import os
 from pathlib import Path
-import random
 import signal
 import subprocess
 import sys
@@ -32,7 +31,7 @@ LENGTHS = (1.0, 1.0, math.sqrt(3.0) / 3.0)
 # So many postures pass before one comes again: longer than any latency.
 POSTURES = 5000
 START_DEADLINE = 20.0
-WARM_UP = 0.2
+WARM_UP = 0.5
 
 MONITOR = ('import sys; from kinopt_ros import executables; '
            'sys.exit(executables.singularity_monitor())')
@@ -73,8 +72,6 @@ class Probe:
         Of the process that is measured; it ends with the probe.
     hear_all : bool
         Whether the other topics have a subscriber too.
-    namespace : str
-        In which the process and the probe are.
 
     Attributes
     ----------
@@ -82,10 +79,10 @@ class Probe:
         Time in s from its start to the first z.
     """
 
-    def __init__(self, command, hear_all=False, namespace='/system'):
-        self._node = Node('probe', namespace=namespace)
+    def __init__(self, command, hear_all=False):
+        self._node = Node('probe')
         # No executor calls it: that a message gets here is enough.
-        self._listener = Node('listener', namespace=namespace)
+        self._listener = Node('listener')
         for name, message_type in OTHER_TOPICS.items() if hear_all else ():
             self._listener.create_subscription(
                 message_type, f'singularity_monitor/{name}', lambda _: None, 1)
@@ -103,9 +100,8 @@ class Probe:
         self._number.update({elbow: i for i, elbow in enumerate(elbows)})
         self._sent, self._heard = {}, {}
         started = time.monotonic()
-        self._process = subprocess.Popen(
-            [*command, '-r', f'__ns:={namespace}'], stdin=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
+        self._process = subprocess.Popen(command, stdin=subprocess.DEVNULL,
+                                         stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
         try:
             self.startup = self._first_answer(started)
         except BaseException:
@@ -217,30 +213,33 @@ class Probe:
         self._listener.destroy_node()
 
 
+def figures_of(command, runs, hear_all):
+    """Figures of a process of its own for each (rate, seconds) of runs."""
+    probe = Probe(command, hear_all)
+    try:
+        return [probe.run(*run) for run in runs]
+    finally:
+        probe.close()
+
+
 def measure(seconds, rounds, rates=RATES):
     """
     Give a row for each system and rate: medians over rounds in which the systems take turns.
 
-    All of them run all the time, and each is fed for so many seconds in a round: whatever
-    disturbs the machine for longer disturbs all of them. The ratios are medians of the ratios
-    to the plain relay in the same round. In the first rows somebody listens to z alone; two
-    systems come once more, with all their topics heard.
+    Many short rounds: the machine is another one from minute to minute. The ratios are medians
+    of the ratios to the plain relay in the same round. In the first rows somebody listens to z
+    alone; two systems come once more, with all their topics heard.
     """
-    probes, results = {}, {}
-    try:
-        for name in SYSTEMS:
-            probes[name, ''] = Probe(SYSTEMS[name], False, f'/system_{len(probes)}')
-        for name in ('relay, single', 'monitor, events'):
-            probes[name, ', all heard'] = Probe(SYSTEMS[name], True, f'/system_{len(probes)}')
-        for _ in range(rounds):
-            for rate in rates:
-                for key in random.sample(list(probes), len(probes)):
-                    results.setdefault((*key, rate), []).append(probes[key].run(rate, seconds))
-    finally:
-        for probe in probes.values():
-            probe.close()
+    systems = [(name, '') for name in SYSTEMS]
+    systems += [(name, ', all heard') for name in ('relay, single', 'monitor, events')]
+    results = {}
+    for _ in range(rounds):
+        for name, heard in systems:
+            runs = [(rate, seconds) for rate in rates]
+            for figures in figures_of(SYSTEMS[name], runs, bool(heard)):
+                results.setdefault((name, heard, figures['rate_hz']), []).append(figures)
     return [_row(name + heard, results[name, heard, rate], results['relay, single', heard, rate])
-            for name, heard in probes for rate in rates]
+            for name, heard in systems for rate in rates]
 
 
 def _row(name, repeated, plain):

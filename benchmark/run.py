@@ -59,7 +59,7 @@ def _index(short):
 
 
 def _node(short):
-    rows = _over_dds('measure', *(1.0, 1, (1000,)) if short else (1.0, 15))
+    rows = _over_dds('measure', *(1.0, 1, (1000,)) if short else (1.0, 12))
     print(f'{"":26s}  rate[Hz]  CPU[us]  ratio  median[us]  ratio   p99[us]  ratio  lost/sent')
     for row in rows:
         print(f'{row["system"]:26s}{row["rate_hz"]:10d}{row["cpu_us_per_message"]:9.0f}'
