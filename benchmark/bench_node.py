@@ -213,7 +213,7 @@ class Probe:
         self._listener.destroy_node()
 
 
-def figures_of(command, runs, hear_all):
+def figures_of(command, runs, hear_all=False):
     """Figures of a process of its own for each (rate, seconds) of runs."""
     probe = Probe(command, hear_all)
     try:
@@ -254,11 +254,7 @@ def _row(name, repeated, plain):
 
 def endurance(seconds):
     """Messages lost, and memory, at 1000 Hz."""
-    probe = Probe(SYSTEMS['monitor, events'])
-    try:
-        return probe.run(1000, seconds)
-    finally:
-        probe.close()
+    return figures_of(SYSTEMS['monitor, events'], [(1000, seconds)])[0]
 
 
 def under_load(seconds):

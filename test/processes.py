@@ -10,7 +10,7 @@ import time
 
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64
+from std_msgs.msg import Bool, Float64
 from support import DEADLINE, LENGTHS, linger, NAMES, REGULAR
 
 EXECUTABLES = Path(sys.executable).parent
@@ -24,8 +24,8 @@ class Process:
     def __init__(self, *arguments, executable='singularity_monitor'):
         self.popen = subprocess.Popen(
             [EXECUTABLES / executable, '--ros-args', *arguments], text=True,
-            start_new_session=True,
-            stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+            start_new_session=True, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE)
 
     def end(self):
         """Wait for its end; give status, standard output and standard error."""
@@ -56,6 +56,14 @@ class Feed:
     def close(self):
         self.executor.remove_node(self.node)
         self.node.destroy_node()
+
+    def hear_flags(self):
+        """Hear the proximity flag too; give the list that it goes to."""
+        flags = []
+        self.node.create_subscription(
+            Bool, '/singularity_monitor/near_singularity',
+            lambda message: flags.append(message.data), 100)
+        return flags
 
     def until(self, condition, positions=REGULAR, period=0.01):
         """Publish until the condition holds."""

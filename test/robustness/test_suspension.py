@@ -6,7 +6,6 @@ import signal
 from processes import ARM
 import pytest
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Bool
 from support import NAMES, REGULAR, STRETCHED
 
 TIMEOUT = 0.1
@@ -19,10 +18,7 @@ QUEUED = 6
 @pytest.fixture
 def watched(start, feed):
     """Give a process that is fed, and the flags heard of it."""
-    flags = []
-    feed.node.create_subscription(
-        Bool, '/singularity_monitor/near_singularity',
-        lambda message: flags.append(message.data), 100)
+    flags = feed.hear_flags()
     process = start(*ARM, '-p', f'stale_timeout:={TIMEOUT}')
     feed.until(lambda: False in flags)
     yield process, flags

@@ -18,7 +18,6 @@ import time
 from processes import ARM, assert_clean
 import pytest
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Bool
 from support import NAMES, REGULAR
 
 SOURCE = Path(__file__).with_name('wall_clock.c')
@@ -58,10 +57,7 @@ def wall_clock(tmp_path, monkeypatch):
 @pytest.fixture(params=['events', 'single'])
 def watched(request, start, feed, wall_clock):
     """Give a process that is fed, and the flags heard of it."""
-    flags = []
-    feed.node.create_subscription(
-        Bool, '/singularity_monitor/near_singularity',
-        lambda message: flags.append(message.data), 100)
+    flags = feed.hear_flags()
     process = start(*ARM, '-p', f'stale_timeout:={TIMEOUT}', '-p', f'executor:={request.param}')
     feed.until(lambda: False in flags)
     return process, flags
