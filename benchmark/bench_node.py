@@ -6,6 +6,7 @@ the z published for it; which z answers which message is told by its value. CPU 
 all threads of the process, user and system, by the kernel's scheduler statistics.
 """
 
+from contextlib import ExitStack
 import math
 import os
 from pathlib import Path
@@ -20,7 +21,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Float64
 from std_srvs.srv import Trigger
-from timing import median, p99
+from timing import interval, median, p99
 
 from kinopt_ros.kinetostatics.index import kinetostatic_index
 from kinopt_ros.kinetostatics.planar_arm import PlanarArm
@@ -31,7 +32,9 @@ LENGTHS = (1.0, 1.0, math.sqrt(3.0) / 3.0)
 # So many postures pass before one comes again: longer than any latency.
 POSTURES = 5000
 START_DEADLINE = 20.0
-WARM_UP = 0.5
+WARM_UP = 0.3
+# A message that has no answer after this time (s) is lost.
+LONGEST_LATENCY = 0.3
 
 MONITOR = ('import sys; from kinopt_ros import executables; '
            'sys.exit(executables.singularity_monitor())')
@@ -58,18 +61,22 @@ SYSTEMS = {
     'monitor, events': monitor('events'),
     'monitor, all cores': monitor('events', 'all'),
 }
+# What all are compared with.
+PLAIN = 'relay, single'
 # Beside z, which the probe hears in any case.
 OTHER_TOPICS = {'conditioning_length': Float64, 'margin': Float64, 'near_singularity': Bool}
 
 
 class Probe:
     """
-    A node that sends joint states at a rate and hears z.
+    A node that sends joint states at a rate and hears z, with the process that it measures.
 
     Parameters
     ----------
     command : list of str
         Of the process that is measured; it ends with the probe.
+    namespace : str
+        Of both.
     hear_all : bool
         Whether the other topics have a subscriber too.
 
@@ -79,10 +86,10 @@ class Probe:
         Time in s from its start to the first z.
     """
 
-    def __init__(self, command, hear_all=False):
-        self._node = Node('probe')
+    def __init__(self, command, namespace='probed', hear_all=False):
+        self._node = Node('probe', namespace=namespace)
         # No executor calls it: that a message gets here is enough.
-        self._listener = Node('listener')
+        self._listener = Node('listener', namespace=namespace)
         for name, message_type in OTHER_TOPICS.items() if hear_all else ():
             self._listener.create_subscription(
                 message_type, f'singularity_monitor/{name}', lambda _: None, 1)
@@ -100,8 +107,9 @@ class Probe:
         self._number.update({elbow: i for i, elbow in enumerate(elbows)})
         self._sent, self._heard = {}, {}
         started = time.monotonic()
-        self._process = subprocess.Popen(command, stdin=subprocess.DEVNULL,
-                                         stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
+        self._process = subprocess.Popen(
+            [*command, '-r', f'__ns:=/{namespace}'], stdin=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
         try:
             self.startup = self._first_answer(started)
         except BaseException:
@@ -148,8 +156,8 @@ class Probe:
             self._ask()
         self._paced(rate, seconds)
         self._asking = False
-        self._spin_until(time.monotonic() + 0.3)
         cpu = self._cpu() - cpu
+        self._spin_until(time.monotonic() + LONGEST_LATENCY)
         latencies = self._latencies()
         return {'rate_hz': rate, 'seconds': seconds, 'sent': len(self._sent),
                 'lost': len(self._sent) - len(latencies),
@@ -159,11 +167,15 @@ class Probe:
                 'answers': self._asked}
 
     def _paced(self, rate, seconds):
-        begun, count = time.monotonic(), 0
-        while count < rate * seconds:
-            self._spin_until(begun + count / rate)
+        """Send at a rate; what could not be sent in time is left out, as a timer does."""
+        begun = time.monotonic()
+        due = count = 0
+        while due < rate * seconds:
+            self._spin_until(begun + due / rate)
             self._send(count)
             count += 1
+            due = max(due + 1, math.ceil((time.monotonic() - begun) * rate))
+        self._spin_until(begun + seconds)
 
     def _spin_until(self, end):
         while (remaining := end - time.monotonic()) > 0.0:
@@ -213,48 +225,73 @@ class Probe:
         self._listener.destroy_node()
 
 
-def figures_of(command, runs, hear_all=False):
-    """Figures of a process of its own for each (rate, seconds) of runs."""
-    probe = Probe(command, hear_all)
-    try:
-        return [probe.run(*run) for run in runs]
-    finally:
-        probe.close()
-
-
-def measure(seconds, rounds, rates=RATES):
+def measure(seconds, rounds, turns, rates=RATES):
     """
-    Give a row for each system and rate: medians over rounds in which the systems take turns.
+    Give a row for each system and rate: medians over turns in which it and the relay alternate.
 
-    Many short rounds: the machine is another one from minute to minute. The ratios are medians
-    of the ratios to the plain relay in the same round. In the first rows somebody listens to z
-    alone; two systems come once more, with all their topics heard.
+    Each system runs beside a plain relay, and the two are fed in turn: the machine is another
+    one from minute to minute. The ratios are medians of those of adjacent turns, with their
+    95 % interval. In the first rows somebody listens to z alone; two systems come once more,
+    with all their topics heard.
+
+    Parameters
+    ----------
+    seconds : float
+        Length of a turn.
+    rounds, turns : int
+        Pairs of processes for each system, and turns of each pair at each rate.
+    rates : sequence of float
+        In Hz.
     """
-    systems = [(name, '') for name in SYSTEMS]
-    systems += [(name, ', all heard') for name in ('relay, single', 'monitor, events')]
+    systems = [(name, '') for name in SYSTEMS if name != PLAIN]
+    systems.append(('monitor, events', ', all heard'))
     results = {}
     for _ in range(rounds):
         for name, heard in systems:
-            runs = [(rate, seconds) for rate in rates]
-            for figures in figures_of(SYSTEMS[name], runs, bool(heard)):
-                results.setdefault((name, heard, figures['rate_hz']), []).append(figures)
-    return [_row(name + heard, results[name, heard, rate], results['relay, single', heard, rate])
-            for name, heard in systems for rate in rates]
+            for rate, *figures in _alternating(name, bool(heard), seconds, turns, rates):
+                results.setdefault((name, heard, rate), []).append(figures)
+    rows = []
+    for heard in ('', ', all heard'):
+        for rate in rates:
+            plain = [pair[0] for (_, h, r), pairs in results.items() if (h, r) == (heard, rate)
+                     for pair in pairs]
+            rows.append(_row(PLAIN + heard, plain, plain))
+    rows += [_row(name + heard, *reversed(tuple(zip(*pairs))))
+             for (name, heard, _), pairs in results.items()]
+    return rows
 
 
-def _row(name, repeated, plain):
-    row = {'system': name, 'rate_hz': repeated[0]['rate_hz'], 'rounds': len(repeated),
-           'lost': sum(figures['lost'] for figures in repeated),
-           'sent': sum(figures['sent'] for figures in repeated)}
+def _alternating(name, hear_all, seconds, turns, rates):
+    """Yield rate, figures of the plain relay and figures of the system, turn by turn."""
+    with ExitStack() as stack:
+        probes = []
+        for system, namespace in ((PLAIN, 'plain'), (name, 'other')):
+            probes.append(Probe(SYSTEMS[system], namespace, hear_all))
+            stack.callback(probes[-1].close)
+        for rate in rates:
+            for _ in range(turns):
+                yield rate, *(probe.run(rate, seconds) for probe in probes)
+
+
+def _row(name, figures, plain):
+    row = {'system': name, 'rate_hz': figures[0]['rate_hz'], 'turns': len(figures),
+           'lost': sum(turn['lost'] for turn in figures),
+           'sent': sum(turn['sent'] for turn in figures)}
     for key in ('cpu_us_per_message', 'latency_median_us', 'latency_p99_us'):
-        row[key] = median([figures[key] for figures in repeated])
-        row[f'{key}_ratio'] = median([a[key] / b[key] for a, b in zip(repeated, plain)])
+        ratios = [turn[key] / other[key] for turn, other in zip(figures, plain)]
+        row[key] = median([turn[key] for turn in figures])
+        row[f'{key}_ratio'] = median(ratios)
+        row[f'{key}_ratio_interval'] = interval(ratios)
     return row
 
 
 def endurance(seconds):
     """Messages lost, and memory, at 1000 Hz."""
-    return figures_of(SYSTEMS['monitor, events'], [(1000, seconds)])[0]
+    probe = Probe(SYSTEMS['monitor, events'])
+    try:
+        return probe.run(1000, seconds)
+    finally:
+        probe.close()
 
 
 def under_load(seconds):

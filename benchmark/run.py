@@ -59,14 +59,22 @@ def _index(short):
 
 
 def _node(short):
-    rows = _over_dds('measure', *(1.0, 1, (1000,)) if short else (1.0, 12))
-    print(f'{"":26s}  rate[Hz]  CPU[us]  ratio  median[us]  ratio   p99[us]  ratio  lost/sent')
+    rows = _over_dds('measure', *(0.5, 1, 1, (1000,)) if short else (1.0, 3, 5))
+    print(f'{"":26s}{"rate[Hz]":>8s}{"CPU[us]":>9s}{"ratio":>7s}{"(95 %)":>13s}'
+          f'{"median[us]":>12s}{"ratio":>7s}{"p99[us]":>9s}{"ratio":>7s}{"(95 %)":>13s}'
+          '  lost/sent')
     for row in rows:
-        print(f'{row["system"]:26s}{row["rate_hz"]:10d}{row["cpu_us_per_message"]:9.0f}'
-              f'{row["cpu_us_per_message_ratio"]:7.2f}{row["latency_median_us"]:12.0f}'
-              f'{row["latency_median_us_ratio"]:7.2f}{row["latency_p99_us"]:10.0f}'
-              f'{row["latency_p99_us_ratio"]:7.2f}  {row["lost"]}/{row["sent"]}')
+        print(f'{row["system"]:26s}{row["rate_hz"]:8d}{row["cpu_us_per_message"]:9.0f}'
+              f'{_ratio_with_interval(row, "cpu_us_per_message")}'
+              f'{row["latency_median_us"]:12.0f}{row["latency_median_us_ratio"]:7.2f}'
+              f'{row["latency_p99_us"]:9.0f}{_ratio_with_interval(row, "latency_p99_us")}'
+              f'  {row["lost"]}/{row["sent"]}')
     return rows
+
+
+def _ratio_with_interval(row, key):
+    least, most = row[f'{key}_ratio_interval']
+    return f'{row[f"{key}_ratio"]:7.2f}  {least:5.2f}-{most:4.2f}'
 
 
 def _endurance(short):

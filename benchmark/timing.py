@@ -44,6 +44,12 @@ def p99(values):
     return float(np.percentile(values, 99))
 
 
+def interval(values):
+    """95 % interval of the median by resampling, two floats."""
+    samples = np.random.default_rng(0).choice(values, (1000, len(values)))
+    return np.percentile(np.median(samples, axis=1), (2.5, 97.5)).tolist()
+
+
 def machine():
     """Describe the machine and the software that it runs."""
     from importlib.metadata import PackageNotFoundError, version

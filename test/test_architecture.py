@@ -13,8 +13,8 @@ PACKAGE = Path(kinopt_ros.__file__).parent
 ROOMS = ('kinetostatics', 'monitor', 'tools')
 MODULES = sorted(PACKAGE.rglob('*.py'))
 # Modules of the monitor that reason; the node around them does the talking.
-PLAIN_MONITOR_MODULES = ('configuration', 'described_arm', 'motion', 'posture', 'posture_monitor',
-                         'signals', 'solver_process', 'verdict')
+PLAIN_MONITOR_MODULES = ('configuration', 'described_arm', 'input_rate', 'motion', 'posture',
+                         'posture_monitor', 'signals', 'solver_process', 'verdict')
 
 
 def module_name(path):

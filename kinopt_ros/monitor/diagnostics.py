@@ -1,37 +1,9 @@
 """Verdicts as diagnostic_msgs, by REP-107."""
 
-from collections import deque
-
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
 _LEVELS = (DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR,
            DiagnosticStatus.STALE)
-
-# Messages of so many seconds count for the input rate, and never more than the latest 100.
-_RATE_WINDOW = 5.0
-
-
-class InputRate:
-    """Rate of the accepted messages over the latest of them."""
-
-    def __init__(self):
-        self._times = deque(maxlen=100)
-
-    def tick(self, now):
-        """Count a message at time now (s)."""
-        self._times.append(now)
-        while now - self._times[0] > _RATE_WINDOW:
-            self._times.popleft()
-
-    def forget(self):
-        """Begin anew, after a gap."""
-        self._times.clear()
-
-    def per_second(self, now):
-        """Rate in Hz; it falls towards 0 when messages stop."""
-        if len(self._times) < 2:
-            return 0.0
-        return (len(self._times) - 1) / max(now - self._times[0], 1e-9)
 
 
 def diagnostic_array(verdict, values, node_name, hardware_id, stamp):
@@ -65,15 +37,15 @@ def diagnostic_array(verdict, values, node_name, hardware_id, stamp):
     return array
 
 
-def key_values(monitor, input_rate):
+def key_values(monitor, now):
     """
     Give the keys and values that a monitor's diagnostics show.
 
     Parameters
     ----------
     monitor : PostureMonitor
-    input_rate : float
-        In Hz.
+    now : float
+        Time in s.
     """
     arm, thresholds = monitor.configuration.arm, monitor.configuration.thresholds
     index, motion = monitor.verdict.index, monitor.motion()
@@ -90,7 +62,7 @@ def key_values(monitor, input_rate):
         ('dz/dt (1/s)', _digits(motion.z_rate)),
         ('d(margin)/dt (1/s)', _digits(motion.margin_rate)),
         ('time_to_threshold (s)', _digits(motion.time_to_threshold)),
-        ('input rate (Hz)', f'{input_rate:.1f}'),
+        ('input rate (Hz)', f'{monitor.input_rate.per_second(now):.1f}'),
         ('messages accepted', str(monitor.accepted)),
         ('messages rejected', str(monitor.rejected)),
     ]

@@ -7,6 +7,7 @@ The monitor without ROS: joint states and time in, verdicts out.
 import math
 
 from kinopt_ros.kinetostatics.joint_limits import LARGEST_REFERENCE
+from kinopt_ros.monitor.input_rate import InputRate
 from kinopt_ros.monitor.motion import motion_at, PositionHistory, UNKNOWN_MOTION
 from kinopt_ros.monitor.posture import BadJointStateError, PostureAssembler
 from kinopt_ros.monitor.verdict import (
@@ -45,12 +46,15 @@ class PostureMonitor:
         Measured positions (rad) of the latest complete posture; NaN while it is not known.
     accepted, rejected : int
         Messages that gave a posture, and bad ones.
+    input_rate : InputRate
+        Of those that gave one.
     """
 
     def __init__(self, configuration, now):
         self.configuration = configuration
         self.accepted = 0
         self.rejected = 0
+        self.input_rate = InputRate()
         self._unknown = (math.nan,) * len(configuration.arm.joint_names)
         self.positions = self._unknown
         self._assembler = PostureAssembler(configuration.arm.joint_names)
@@ -103,12 +107,12 @@ class PostureMonitor:
         verdict : Verdict or None
             None if the message does not concern the arm or completes no posture.
         """
-        configuration = self.configuration
-        if self._pause.may_predate(stamp, now, configuration.stale_timeout):
+        stale_timeout = self.configuration.stale_timeout
+        pause = self._pause
+        if now < pause.settled_at and pause.may_predate(stamp, now, stale_timeout):
             return None
         try:
-            posture = self._assembler.update(
-                names, positions, now, configuration.stale_timeout, velocities)
+            posture = self._assembler.update(names, positions, now, stale_timeout, velocities)
         except BadJointStateError as error:
             self.rejected += 1
             if self._stale_since_posture:
@@ -122,8 +126,10 @@ class PostureMonitor:
         self.accepted += 1
         self._quiet_since = now
         self._is_stale = self._stale_since_posture = False
+        self.input_rate.tick(now)
         self._history.add(stamp, posture)
-        self._pause.note_accepted(stamp, now)
+        if stamp - now > pause.lead:
+            pause.lead = stamp - now
         return self._judge(posture, now)
 
     def on_time(self, now):
@@ -201,6 +207,7 @@ class PostureMonitor:
 
     def _become_stale(self, now):
         self._is_stale = self._stale_since_posture = True
+        self.input_rate.forget()
         return self._lose_posture(self._verdict_on_silence(now), now)
 
     def _lose_posture(self, verdict, now):
@@ -213,13 +220,22 @@ class PostureMonitor:
 
 
 class _Pause:
-    """A pause of the whole process, and the messages that had waited for its end."""
+    """
+    A pause of the whole process, and the messages that had waited for its end.
+
+    Attributes
+    ----------
+    settled_at : float
+        Time in s from which on no message is met that had waited.
+    lead : float
+        By how much (s) the stamps that were believed run ahead of the clock. Several publishers
+        may go by several clocks: the one furthest ahead makes a message look oldest.
+    """
 
     def __init__(self):
         self._last_look = math.inf
-        self._settled_at = -math.inf
-        # By how much (s) the stamps run ahead of the clock, at most.
-        self._lead = None
+        self.settled_at = -math.inf
+        self.lead = -math.inf
 
     def ends(self, now, stale_timeout):
         """Look at the clock; tell whether the process has just come out of a pause."""
@@ -227,22 +243,14 @@ class _Pause:
         self._last_look = now
         if length <= stale_timeout + PAUSE_SLACK:
             return False
-        self._settled_at = now + SETTLING_TIME
+        self.settled_at = now + SETTLING_TIME
         return True
-
-    def note_accepted(self, stamp, now):
-        """Take the stamp (s) of a message in that is believed."""
-        lead = stamp - now
-        # Several publishers may go by several clocks: the one that runs ahead makes a message
-        # look oldest.
-        self._lead = lead if self._lead is None else max(self._lead, lead)
 
     def may_predate(self, stamp, now, stale_timeout):
         """
         Tell whether a message may have waited for the end of a pause, and be stale by now.
 
-        Not once things have settled, nor if its stamp has gone on as the clock has.
+        Not if its stamp has gone on as the clock has. Before the first that was believed
+        nobody knows.
         """
-        if now >= self._settled_at:
-            return False
-        return self._lead is None or not now + self._lead - stamp <= stale_timeout
+        return self.lead == -math.inf or now + self.lead - stamp > stale_timeout

@@ -23,10 +23,10 @@ from std_msgs.msg import (
 )
 
 from kinopt_ros.monitor.described_arm import arm_parameters, DescribedArm
-from kinopt_ros.monitor.diagnostics import diagnostic_array, InputRate, key_values
+from kinopt_ros.monitor.diagnostics import diagnostic_array, key_values
 from kinopt_ros.monitor.joint_state_reader import JointStateReader, UnreadableError
 from kinopt_ros.monitor.marker_publisher import MarkerPublisher
-from kinopt_ros.monitor.on_demand import OnDemandPublisher, one_value
+from kinopt_ros.monitor.on_demand import bool_writer, float64_writer, OnDemandTopics
 from kinopt_ros.monitor.optimum_services import LATCHED, OptimumServices
 from kinopt_ros.monitor.parameters import (
     BEHAVIOUR_TABLE,
@@ -77,11 +77,9 @@ class SingularityMonitor(Node):
         self.start_error = None
         self._monitor = None
         self._optimum = None
-        self._typed = None
         self._reading = None
         self._reader = JointStateReader()
         self._published = None
-        self._input_rate = InputRate()
         values = declare(self, (EXECUTOR, CPU_AFFINITY, *DESCRIPTION_TABLE, *BEHAVIOUR_TABLE))
         self._hardware_id = values['hardware_id']
         self._create_publishers()
@@ -94,21 +92,25 @@ class SingularityMonitor(Node):
             self._wait_for_description(described_arm)
 
     def _create_publishers(self):
-        def on_demand(message_type, topic, make_message=None):
-            return OnDemandPublisher(self.create_publisher(message_type, topic, 10),
-                                     make_message or one_value(message_type()))
+        def add(topics, message_type, name, make_message):
+            topics.add(self.create_publisher(message_type, name, 10), make_message)
 
-        self._z = on_demand(Float64, '~/z')
-        self._conditioning_length = on_demand(Float64, '~/conditioning_length')
-        self._margin = on_demand(Float64, '~/margin')
-        self._near_singularity = on_demand(Bool, '~/near_singularity')
-        self._gradient = on_demand(Float64MultiArray, '~/gradient', _gradient_of)
-        self._diagnostics = on_demand(DiagnosticArray, '/diagnostics', self._diagnostics_of)
+        number, flag = float64_writer(), bool_writer()
+        self._topics, self._diagnostics = OnDemandTopics(), OnDemandTopics()
+        add(self._topics, Float64, '~/z', lambda verdict, _: number(verdict.index.z))
+        add(self._topics, Float64, '~/conditioning_length',
+            lambda verdict, _: number(verdict.index.conditioning_length))
+        add(self._topics, Float64, '~/margin', lambda verdict, _: number(verdict.index.margin))
+        add(self._topics, Bool, '~/near_singularity',
+            lambda verdict, _: flag(verdict.near_singularity))
+        add(self._topics, Float64MultiArray, '~/gradient',
+            lambda *_: _gradient_of(self._monitor) if self._monitor else None)
+        add(self._diagnostics, DiagnosticArray, '/diagnostics', self._diagnostics_of)
 
     def _wait_for_description(self, described_arm):
         self._verdict_without_arm = verdict_without_arm('waiting for robot_description')
         waiting = self._steady_timer(1.0, self._publish_diagnostics)
-        self._publish(self._verdict_without_arm, steady_time())
+        self._topics.publish(self._verdict_without_arm, steady_time())
         self._publish_diagnostics()
 
         def on_description(message):
@@ -144,8 +146,9 @@ class SingularityMonitor(Node):
         self._set_heartbeat(configuration)
         self._optimum = OptimumServices(self, self._monitor)
         self._optimum.announce()
-        self._typed = self._offer_typed_interfaces()
-        self._markers = MarkerPublisher(self, self._monitor, self._optimum, subchain)
+        self._offer_typed_interfaces()
+        MarkerPublisher(
+            self, self._topics, self._monitor, self._optimum, subchain, self._header)
         self._subscribe()
         self._log_configuration()
         if subchain is not None and subchain.tip_movers:
@@ -173,8 +176,8 @@ class SingularityMonitor(Node):
             self.get_logger().info(
                 f'without ~/state and ~/solve_optimal_posture ({error}); to have them: '
                 'colcon build --packages-select kinopt_interfaces')
-            return None
-        return TypedInterfaces(self, self._monitor, self._optimum)
+        else:
+            TypedInterfaces(self, self._topics, self._monitor, self._optimum, self._header)
 
     def _on_joint_state(self, data):
         now = steady_time()
@@ -191,9 +194,7 @@ class SingularityMonitor(Node):
             self._publish_news()
             return
         self._reading = reading
-        if self._monitor.knows_posture:
-            self._input_rate.tick(now)
-        self._publish(verdict, now)
+        self._topics.publish(verdict, now)
         if self._settings.configuration.diagnostics_period == 0.0:
             self._publish_diagnostics()
         else:
@@ -203,8 +204,7 @@ class SingularityMonitor(Node):
         now = steady_time()
         verdict = self._monitor.look(now) or self._monitor.on_time(now)
         if verdict is not None:
-            self._input_rate.forget()
-            self._publish(verdict, now)
+            self._topics.publish(verdict, now)
         self._publish_news()
         # The next look is due exactly when the posture would become stale.
         timeout = self._settings.configuration.stale_timeout
@@ -215,19 +215,6 @@ class SingularityMonitor(Node):
         # After a long pause of the process both timers are due, in no certain order.
         self._on_watchdog()
         self._publish_diagnostics()
-
-    def _publish(self, verdict, now):
-        index = verdict.index
-        self._z.publish(index.z)
-        self._conditioning_length.publish(index.conditioning_length)
-        self._margin.publish(index.margin)
-        self._near_singularity.publish(verdict.near_singularity)
-        if self._monitor is None:
-            return
-        self._gradient.publish(self._monitor)
-        if self._typed is not None:
-            self._typed.publish_state(self._header)
-        self._markers.publish(self._header, now)
 
     def _publish_news(self):
         """Publish the diagnostics at once when the level or its reason is another."""
@@ -244,7 +231,7 @@ class SingularityMonitor(Node):
     def _diagnostics_of(self, verdict):
         values = ()
         if self._monitor is not None:
-            values = key_values(self._monitor, self._input_rate.per_second(steady_time()))
+            values = key_values(self._monitor, steady_time())
         stamp = self._header().stamp if self._reading else self.get_clock().now().to_msg()
         return diagnostic_array(
             verdict, values, self.get_fully_qualified_name(), self._hardware_id, stamp)

@@ -10,7 +10,6 @@ from kinopt_interfaces.msg import KinetostaticState, PostureAlternative
 from kinopt_interfaces.srv import SolveOptimalPosture
 from kinopt_ros.kinetostatics.planar_arm import PlanarArm
 from kinopt_ros.monitor.deferred_service import create_deferred_service
-from kinopt_ros.monitor.on_demand import OnDemandPublisher
 from kinopt_ros.monitor.optimum_services import completed, mapped
 
 # The most joints of a request: the solver's time grows with them.
@@ -24,29 +23,22 @@ class TypedInterfaces:
     Parameters
     ----------
     node : rclpy.node.Node
+    topics : OnDemandTopics
+        Of each verdict.
     monitor : PostureMonitor
     optimum : OptimumServices
         Its solver is used.
+    header : callable
+        Gives the header of the JointState that was judged.
     """
 
-    def __init__(self, node, monitor, optimum):
+    def __init__(self, node, topics, monitor, optimum, header):
         self._monitor = monitor
         self._optimum = optimum
-        self._state = OnDemandPublisher(
-            node.create_publisher(KinetostaticState, '~/state', 10), _state)
+        topics.add(node.create_publisher(KinetostaticState, '~/state', 10),
+                   lambda *_: _state(monitor, header()))
         create_deferred_service(
             node, SolveOptimalPosture, '~/solve_optimal_posture', self._on_request)
-
-    def publish_state(self, header):
-        """
-        Publish the latest verdict with the header of its JointState, if somebody listens.
-
-        Parameters
-        ----------
-        header : callable
-            Gives that header.
-        """
-        self._state.publish(self._monitor, header)
 
     def _on_request(self, request):
         try:
@@ -134,7 +126,7 @@ def _state(monitor, header):
     verdict, motion = monitor.verdict, monitor.motion()
     known = monitor.knows_posture
     return KinetostaticState(
-        header=header(), z=verdict.index.z,
+        header=header, z=verdict.index.z,
         conditioning_length=verdict.index.conditioning_length, margin=verdict.index.margin,
         near_singularity=verdict.near_singularity, level=bytes([verdict.level]),
         message=verdict.message, joint_names=monitor.configuration.arm.joint_names,
