@@ -15,6 +15,7 @@ import subprocess
 import sys
 import time
 
+import numpy as np
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -76,7 +77,7 @@ class Probe:
     command : list of str
         Of the process that is measured; it ends with the probe.
     namespace : str
-        Of both.
+        Of the node and of that process.
     hear_all : bool
         Whether the other topics have a subscriber too.
 
@@ -162,7 +163,7 @@ class Probe:
         return {'rate_hz': rate, 'seconds': seconds, 'sent': len(self._sent),
                 'lost': len(self._sent) - len(latencies),
                 'cpu_us_per_message': cpu / len(self._sent) * 1e6,
-                'latency_median_us': median(latencies), 'latency_p99_us': p99(latencies),
+                'latencies_us': np.array(latencies),
                 'memory_growth_mb': self._resident() - memory, 'memory_mb': self._resident(),
                 'answers': self._asked}
 
@@ -186,7 +187,8 @@ class Probe:
         times = {number: iter(stamps) for number, stamps in self._heard.items()}
         latencies = []
         for count, sent in self._sent.items():
-            answer = next(times.get(count % POSTURES, iter(())), None)
+            # An answer may still be one from before.
+            answer = next((time for time in times.get(count % POSTURES, ()) if time >= sent), None)
             if answer is not None:
                 latencies.append((answer - sent) / 1e3)
         return latencies
@@ -227,12 +229,11 @@ class Probe:
 
 def measure(seconds, rounds, turns, rates=RATES):
     """
-    Give a row for each system and rate: medians over turns in which it and the relay alternate.
+    Give a row for each system and rate, compared with the plain relay.
 
     Each system runs beside a plain relay, and the two are fed in turn: the machine is another
-    one from minute to minute. The ratios are medians of those of adjacent turns, with their
-    95 % interval. In the first rows somebody listens to z alone; two systems come once more,
-    with all their topics heard.
+    one from minute to minute. In the first rows somebody listens to z alone; monitor and relay
+    come once more with all their topics heard.
 
     Parameters
     ----------
@@ -248,50 +249,85 @@ def measure(seconds, rounds, turns, rates=RATES):
     results = {}
     for _ in range(rounds):
         for name, heard in systems:
-            for rate, *figures in _alternating(name, bool(heard), seconds, turns, rates):
-                results.setdefault((name, heard, rate), []).append(figures)
-    rows = []
-    for heard in ('', ', all heard'):
-        for rate in rates:
-            plain = [pair[0] for (_, h, r), pairs in results.items() if (h, r) == (heard, rate)
-                     for pair in pairs]
-            rows.append(_row(PLAIN + heard, plain, plain))
-    rows += [_row(name + heard, *reversed(tuple(zip(*pairs))))
-             for (name, heard, _), pairs in results.items()]
-    return rows
+            for rate, pairs in _alternating(name, bool(heard), seconds, turns, rates):
+                results.setdefault((name, heard, rate), []).append(pairs)
+    rows = [_row(PLAIN + heard, [[(plain, plain) for _, plain in pairs]
+                                 for (_, h, r), rounds_of_it in results.items()
+                                 if (h, r) == (heard, rate) for pairs in rounds_of_it])
+            for heard in ('', ', all heard') for rate in rates]
+    return rows + [_row(name + heard, pairs) for (name, heard, _), pairs in results.items()]
 
 
 def _alternating(name, hear_all, seconds, turns, rates):
-    """Yield rate, figures of the plain relay and figures of the system, turn by turn."""
+    """Yield each rate with the figures of the system and of the plain relay, turn by turn."""
     with ExitStack() as stack:
         probes = []
-        for system, namespace in ((PLAIN, 'plain'), (name, 'other')):
+        for system, namespace in ((name, 'other'), (PLAIN, 'plain')):
             probes.append(Probe(SYSTEMS[system], namespace, hear_all))
             stack.callback(probes[-1].close)
         for rate in rates:
-            for _ in range(turns):
-                yield rate, *(probe.run(rate, seconds) for probe in probes)
+            pairs = []
+            for turn in range(turns):
+                order = probes if turn % 2 else probes[::-1]
+                figures = {probe: probe.run(rate, seconds) for probe in order}
+                pairs.append([figures[probe] for probe in probes])
+            yield rate, pairs
 
 
-def _row(name, figures, plain):
-    row = {'system': name, 'rate_hz': figures[0]['rate_hz'], 'turns': len(figures),
-           'lost': sum(turn['lost'] for turn in figures),
-           'sent': sum(turn['sent'] for turn in figures)}
-    for key in ('cpu_us_per_message', 'latency_median_us', 'latency_p99_us'):
-        ratios = [turn[key] / other[key] for turn, other in zip(figures, plain)]
-        row[key] = median([turn[key] for turn in figures])
-        row[f'{key}_ratio'] = median(ratios)
-        row[f'{key}_ratio_interval'] = interval(ratios)
+# What the turns of one system say together.
+FIGURES = {
+    'cpu_us_per_message': lambda turns: np.mean([turn['cpu_us_per_message'] for turn in turns]),
+    'latency_median_us': lambda turns: median(_all_latencies(turns)),
+    'latency_p99_us': lambda turns: p99(_all_latencies(turns)),
+}
+
+
+def _all_latencies(turns):
+    return np.concatenate([turn['latencies_us'] for turn in turns])
+
+
+def _row(name, rounds):
+    """
+    Figures of a system over all rounds, and their ratios to those of the plain relay.
+
+    The 95 % intervals of the ratios are those of resampled rounds: turns of one pair of processes
+    have much in common.
+
+    Parameters
+    ----------
+    rounds : list of list of (dict, dict)
+        Figures of the system and of the relay, by round and turn.
+    """
+    own, _ = _by_system(rounds)
+    row = {'system': name, 'rate_hz': own[0]['rate_hz'], 'turns': len(own),
+           'lost': sum(turn['lost'] for turn in own), 'sent': sum(turn['sent'] for turn in own)}
+    for key, figure in FIGURES.items():
+        def ratio(rounds, figure=figure):
+            own, plain = _by_system(rounds)
+            return figure(own) / figure(plain)
+        row[key], row[f'{key}_ratio'] = float(figure(own)), float(ratio(rounds))
+        row[f'{key}_ratio_interval'] = interval(rounds, ratio)
     return row
 
 
+def _by_system(rounds):
+    return zip(*(pair for pairs in rounds for pair in pairs))
+
+
 def endurance(seconds):
-    """Messages lost, and memory, at 1000 Hz."""
-    probe = Probe(SYSTEMS['monitor, events'])
+    """Messages lost, the longest latency, and memory, at 1000 Hz: the monitor, and the relay."""
+    return {name: _alone(name, 1000, seconds) for name in ('monitor, events', PLAIN)}
+
+
+def _alone(name, rate, seconds):
+    probe = Probe(SYSTEMS[name])
     try:
-        return probe.run(1000, seconds)
+        figures = probe.run(rate, seconds)
     finally:
         probe.close()
+    latencies = figures.pop('latencies_us')
+    return {**figures, 'wanted': round(rate * seconds),
+            'latency_longest_us': float(max(latencies))}
 
 
 def under_load(seconds):
@@ -318,9 +354,14 @@ def under_load(seconds):
 
 
 def _idle_and_loaded(probe, seconds):
-    idle, loaded = probe.run(500, seconds), probe.run(500, seconds, ask=True)
-    return {'idle': idle, 'loaded': loaded,
-            'latency_p99_ratio': loaded['latency_p99_us'] / idle['latency_p99_us']}
+    rows = {}
+    for name, ask in (('idle', False), ('loaded', True)):
+        figures = probe.run(500, seconds, ask)
+        latencies = figures.pop('latencies_us')
+        rows[name] = {**figures, 'latency_median_us': median(latencies),
+                      'latency_p99_us': p99(latencies)}
+    return {**rows, 'latency_p99_ratio':
+            rows['loaded']['latency_p99_us'] / rows['idle']['latency_p99_us']}
 
 
 def startup(times):

@@ -59,7 +59,7 @@ def _index(short):
 
 
 def _node(short):
-    rows = _over_dds('measure', *(0.5, 1, 1, (1000,)) if short else (1.0, 3, 5))
+    rows = _over_dds('measure', *(0.5, 1, 1, (1000,)) if short else (1.0, 6, 2))
     print(f'{"":26s}{"rate[Hz]":>8s}{"CPU[us]":>9s}{"ratio":>7s}{"(95 %)":>13s}'
           f'{"median[us]":>12s}{"ratio":>7s}{"p99[us]":>9s}{"ratio":>7s}{"(95 %)":>13s}'
           '  lost/sent')
@@ -79,8 +79,10 @@ def _ratio_with_interval(row, key):
 
 def _endurance(short):
     figures = _over_dds('endurance', 5.0 if short else 60.0)
-    print(f'{figures["lost"]} of {figures["sent"]} messages lost at 1000 Hz, memory '
-          f'{figures["memory_mb"]:.1f} MB, grown by {figures["memory_growth_mb"]:.2f} MB')
+    for name, row in figures.items():
+        print(f'{name:18s}{row["lost"]} of {row["sent"]} messages lost ({row["wanted"]} instants '
+              f'of 1000 Hz), longest latency {row["latency_longest_us"] / 1e3:.1f} ms, memory '
+              f'{row["memory_mb"]:.1f} MB, grown by {row["memory_growth_mb"]:.2f} MB')
     return figures
 
 

@@ -44,10 +44,12 @@ def p99(values):
     return float(np.percentile(values, 99))
 
 
-def interval(values):
-    """95 % interval of the median by resampling, two floats."""
-    samples = np.random.default_rng(0).choice(values, (1000, len(values)))
-    return np.percentile(np.median(samples, axis=1), (2.5, 97.5)).tolist()
+def interval(samples, figure, resamplings=300):
+    """95 % interval of a figure of a list of samples, by resampling them; two floats."""
+    rng = np.random.default_rng(0)
+    figures = [figure([samples[i] for i in rng.integers(len(samples), size=len(samples))])
+               for _ in range(resamplings)]
+    return np.percentile(figures, (2.5, 97.5)).tolist()
 
 
 def machine():

@@ -19,6 +19,7 @@ class InputRate:
 
     def __init__(self):
         self._times = deque(maxlen=_MOST_MESSAGES)
+        # Each message calls it: what is too old is seen to when somebody asks.
         self.tick = self._times.append
 
     def forget(self):

@@ -9,7 +9,7 @@ from std_msgs.msg import Bool, Float64
 
 class OnDemandTopics:
     """
-    Topics that are published together, each only if somebody listens.
+    One topic, or several that are published together, each only if somebody listens.
 
     A message for nobody would wake threads of the middleware all the same. On a volatile topic
     nobody misses it either.
@@ -57,4 +57,4 @@ def float64_writer():
 
 def bool_writer():
     """Give a function that makes the bytes of a std_msgs/Bool."""
-    return {value: serialize_message(Bool(data=value)) for value in (False, True)}.get
+    return {value: serialize_message(Bool(data=value)) for value in (False, True)}.__getitem__

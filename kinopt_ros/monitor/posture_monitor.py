@@ -108,6 +108,7 @@ class PostureMonitor:
             None if the message does not concern the arm or completes no posture.
         """
         stale_timeout = self.configuration.stale_timeout
+        # Here and below without further functions: each message comes this way.
         pause = self._pause
         if now < pause.settled_at and pause.may_predate(stamp, now, stale_timeout):
             return None
@@ -253,4 +254,4 @@ class _Pause:
         Not if its stamp has gone on as the clock has. Before the first that was believed
         nobody knows.
         """
-        return self.lead == -math.inf or now + self.lead - stamp > stale_timeout
+        return self.lead == -math.inf or not now + self.lead - stamp <= stale_timeout

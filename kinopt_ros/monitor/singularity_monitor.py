@@ -96,6 +96,7 @@ class SingularityMonitor(Node):
             topics.add(self.create_publisher(message_type, name, 10), make_message)
 
         number, flag = float64_writer(), bool_writer()
+        # Those of each cycle are made of its verdict and time, the diagnostics of a verdict.
         self._topics, self._diagnostics = OnDemandTopics(), OnDemandTopics()
         add(self._topics, Float64, '~/z', lambda verdict, _: number(verdict.index.z))
         add(self._topics, Float64, '~/conditioning_length',
@@ -146,8 +147,8 @@ class SingularityMonitor(Node):
         self._set_heartbeat(configuration)
         self._optimum = OptimumServices(self, self._monitor)
         self._optimum.announce()
-        self._offer_typed_interfaces()
-        MarkerPublisher(
+        self._typed = self._offer_typed_interfaces()
+        self._markers = MarkerPublisher(
             self, self._topics, self._monitor, self._optimum, subchain, self._header)
         self._subscribe()
         self._log_configuration()
@@ -176,8 +177,9 @@ class SingularityMonitor(Node):
             self.get_logger().info(
                 f'without ~/state and ~/solve_optimal_posture ({error}); to have them: '
                 'colcon build --packages-select kinopt_interfaces')
-        else:
-            TypedInterfaces(self, self._topics, self._monitor, self._optimum, self._header)
+            return None
+        return TypedInterfaces(
+            self, self._topics, self._monitor, self._optimum, self._header)
 
     def _on_joint_state(self, data):
         now = steady_time()

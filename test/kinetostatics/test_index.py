@@ -382,3 +382,23 @@ def test_digits_near_a_singularity():
             margin = exact_index(arm, angles)[2]
             assert kinetostatic_index(arm, angles).margin == pytest.approx(
                 float(margin), rel=1e-12, abs=1e-15)
+
+
+@pytest.mark.parametrize('n', [3, 10, 200])
+def test_everything_at_once(n):
+    """Losses that each of the tests above sees alone could still add up."""
+    rng = np.random.default_rng(15 + n)
+    for arm, _ in random_cases(10, [n], decades=6.0, seed=n):
+        assert_exact(arm, rng.uniform(-1e6, 1e6, n), 1e-12)
+
+
+@pytest.mark.parametrize('turns', [[0.0], [0.0, np.pi, -np.pi]])
+@pytest.mark.parametrize('decades', [3.0, 6.0])
+def test_many_links_of_very_different_lengths_in_a_line(decades, turns):
+    """Rounding must not open a margin: it would be a false all-clear."""
+    rng = np.random.default_rng(16)
+    for arm, angles in random_cases(20, [200], decades=decades, seed=16):
+        angles[1:] = rng.choice(turns, 199)
+        for margin in (kinetostatic_index(arm, angles).margin,
+                       kinetostatic_index(arm, angles[np.newaxis]).margin[0]):
+            assert 0.0 <= margin < 1e-12

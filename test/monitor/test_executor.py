@@ -7,6 +7,8 @@ import time
 
 import pytest
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from std_msgs.msg import Float64
 from support import DEADLINE, LENGTHS, NAMES
 
 from kinopt_ros.monitor import process
@@ -154,6 +156,30 @@ def test_defect_in_a_callback_ends_the_process_with_status_1(start, name, place)
     _, error = node.communicate(timeout=DEADLINE)
     assert node.returncode == 1, error
     assert 'Traceback' in error and 'ValueError: a defect' in error
+
+
+def test_topics_that_come_and_go_while_it_runs(context, executor, soak):
+    """Upstream a crash is reported; with both made and destroyed in callbacks there is none."""
+    node = Node('node', context=context)
+    cycles, heard = [], []
+
+    def come_and_go():
+        publisher = node.create_publisher(Float64, 'topic', 10)
+        subscription = node.create_subscription(Float64, 'topic', heard.append, 10)
+        publisher.publish(Float64())
+        node.destroy_publisher(publisher)
+        node.destroy_subscription(subscription)
+        cycles.append(len(heard))
+
+    node.create_subscription(Float64, 'topic', heard.append, 10)
+    node.create_timer(0.001, come_and_go)
+    executor.add_node(node)
+    deadline = time.monotonic() + soak(DEADLINE)
+    while len(cycles) < soak(200):
+        assert time.monotonic() < deadline
+        executor.spin_once(timeout_sec=0.01)
+    executor.remove_node(node)
+    node.destroy_node()
 
 
 def test_timer_that_is_set_anew_while_it_runs(make_bench):

@@ -2,7 +2,7 @@
 
 import math
 
-from hypothesis import given, strategies as st
+from hypothesis import given, settings, strategies as st
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 from std_msgs.msg import Bool, Float64
@@ -67,6 +67,7 @@ def test_numbers_arrive(feed, publisher):
     assert heard[:3] == [1.0, math.inf, -0.3] and math.isnan(heard[3])
 
 
+@settings(deadline=None, derandomize=True)
 @given(st.floats())
 def test_numbers_are_written_as_the_middleware_does(value):
     assert float64_writer()(value) == serialize_message(Float64(data=value))
@@ -77,6 +78,11 @@ def test_numbers_that_the_middleware_writes_otherwise_are_left_to_it(monkeypatch
     monkeypatch.setattr(on_demand, 'serialize_message',
                         lambda message: serialize_message(message)[::-1])
     assert float64_writer()(0.25) == Float64(data=0.25)
+
+
+def test_what_is_no_flag_is_no_silence():
+    with pytest.raises(KeyError):
+        bool_writer()(None)
 
 
 @pytest.mark.parametrize('value', [False, True])
