@@ -117,7 +117,11 @@ def _start():
 def main():
     """Answer requests on the standard streams."""
     signals.ignore()
-    serve(sys.stdin.buffer, sys.stdout.buffer)
+    try:
+        serve(sys.stdin.buffer, sys.stdout.buffer)
+    except BrokenPipeError:
+        # The node was killed and nobody waits; what is in the buffer could not go out at exit.
+        os._exit(0)
 
 
 def serve(requests, answers):

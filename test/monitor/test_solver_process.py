@@ -1,12 +1,16 @@
 """The solver's process by itself; what becomes of it on a node: test_optimal_posture_service."""
 
+import os
+import pickle
+import subprocess
+import sys
 import time
 
 import pytest
 from support import DEADLINE, LENGTHS
 
 from kinopt_ros.kinetostatics.optimal_posture import optimal_posture
-from kinopt_ros.monitor.solver_process import SolverProcess, SPACING
+from kinopt_ros.monitor.solver_process import main, SolverProcess, SPACING
 
 
 @pytest.fixture
@@ -39,3 +43,15 @@ def test_closing_does_not_leave_anybody_waiting(solver):
     solver.close()
     assert all(future.done() for future in asked)
     assert any(future.cancelled() or future.exception() for future in asked)
+
+
+def test_goes_quietly_when_nobody_waits_for_its_answer():
+    """As when the node was killed while it solved."""
+    nobody, answers = os.pipe()
+    os.close(nobody)
+    process = subprocess.Popen(
+        [sys.executable, '-c', f'from {main.__module__} import main; main()'],
+        stdin=subprocess.PIPE, stdout=answers, stderr=subprocess.PIPE)
+    os.close(answers)
+    _, error = process.communicate(pickle.dumps((LENGTHS,)), timeout=DEADLINE)
+    assert (process.returncode, error) == (0, b'')

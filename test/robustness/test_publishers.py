@@ -3,8 +3,13 @@
 import signal
 import time
 
+from diagnostic_msgs.msg import DiagnosticArray
 from processes import answer_of, ARM, assert_clean
+import pytest
+from rclpy.node import Node
+from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
+from std_msgs.msg import Bool, Float64, Float64MultiArray
 from support import (
     assert_numbers,
     assert_unknown,
@@ -18,6 +23,8 @@ from support import (
 TIMEOUT = 0.5
 FLOOD_RATE = 5000.0
 FLOOD_TIME = 2.0
+# Three times the longest of some 60 runs on two cores with other work on them; mostly it is 3 ms.
+LONGEST_LAG = 0.18
 
 
 def knows(cycle):
@@ -58,25 +65,61 @@ def test_two_publishers_with_interleaved_parts(make_bench, soak):
         assert len(bench.cycles) == step + 2
 
 
-def test_flood(start, feed):
-    """A publisher far faster than the node: readings are passed over, never worked off late."""
-    process = start(*ARM)
-    feed.until(lambda: answer_of(feed))
+def flood(feed):
+    """Publish at the flood's rate for its time; give the rate that was really reached."""
+    # As bytes, so that the sender takes little of the processor from the node.
+    state = serialize_message(JointState(name=NAMES, position=REGULAR))
     sent, begun = 0, time.monotonic()
     while (elapsed := time.monotonic() - begun) < FLOOD_TIME:
         while sent < FLOOD_RATE * elapsed:
-            feed.publisher.publish(JointState(name=NAMES, position=REGULAR))
+            feed.publisher.publish(state)
             sent += 1
         feed.executor.spin_once(timeout_sec=0.0)
-    expected = expected_numbers(LENGTHS, ISOTROPIC).z
-    last = time.monotonic()
-    feed.publisher.publish(JointState(name=NAMES, position=ISOTROPIC))
-    while not (feed.heard and abs(feed.heard[-1] - expected) < 1e-9):
-        assert time.monotonic() - last < 0.45, 'the node lags behind the flood'
-        feed.executor.spin_once(timeout_sec=0.01)
-    assert sent > 0.5 * FLOOD_RATE * FLOOD_TIME
+    return sent / elapsed
+
+
+def seconds_to_answer(feed, positions):
+    """Publish a posture until z is its; give the time that this took."""
+    expected = expected_numbers(LENGTHS, positions).z
+    begun = time.monotonic()
+    # Again and again, for the middleware may lose one: whatever queues before it still does.
+    feed.until(lambda: feed.heard and abs(feed.heard[-1] - expected) < 1e-9, positions)
+    return time.monotonic() - begun
+
+
+def listen_to_all(context):
+    """
+    Give a node that listens to what each cycle says, so that all of it is made.
+
+    It is not spun: hearing it would slow down the sender.
+    """
+    listener = Node('listener', context=context)
+    for kind, topic in ((DiagnosticArray, '/diagnostics'), (Float64MultiArray, 'gradient'),
+                        (Float64, 'margin'), (Float64, 'conditioning_length'),
+                        (Bool, 'near_singularity')):
+        name = topic if topic.startswith('/') else f'/singularity_monitor/{topic}'
+        listener.create_subscription(kind, name, lambda _: None, 10)
+    return listener
+
+
+def test_flood(context, start, feed):
+    """
+    A publisher faster than the node: readings are passed over, never worked off late.
+
+    All that it can say is listened to, and the slower executor spins it: of 5 kHz it answers half
+    then. With z alone it keeps up, and nothing has to be passed over.
+    """
+    listener = listen_to_all(context)
+    process = start(*ARM, '-p', 'diagnostics_period:=0.0', '-p', 'executor:=single')
+    feed.until(lambda: answer_of(feed))
+    rate = flood(feed)
+    lag = seconds_to_answer(feed, ISOTROPIC)
+    assert lag < LONGEST_LAG, f'the node lags {lag:.3f} s behind the flood'
     process.popen.send_signal(signal.SIGINT)
     assert_clean(process)
+    listener.destroy_node()
+    if rate < 0.9 * FLOOD_RATE:
+        pytest.skip(f'this machine sends {rate:.0f} messages/s: no flood')
 
 
 def test_names_by_the_ten_thousand(make_bench):

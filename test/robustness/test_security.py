@@ -11,9 +11,15 @@ from xml.etree import ElementTree
 
 from processes import ARM
 import pytest
+from rclpy.expand_topic_name import expand_topic_name
 from rclpy.parameter import Parameter
+from rclpy.validate_full_topic_name import validate_full_topic_name
+from rclpy.validate_namespace import validate_namespace
+from rclpy.validate_node_name import validate_node_name
 from support import LENGTHS, NAMES
 
+from kinopt_ros.monitor import robot_description
+from kinopt_ros.monitor.singularity_monitor import SingularityMonitor
 from kinopt_ros.tools.simulated_arm import SimulatedArm
 
 POLICY = Path(__file__).parents[2] / 'security' / 'policy.xml'
@@ -23,7 +29,39 @@ SOMETIMES = {
     ('subscribe', '/robot_description'), ('subscribe', '/clock'),
     ('publish', '/singularity_monitor/state'),
     ('reply', '/singularity_monitor/solve_optimal_posture')}
+# What sros2 accepts as a policy, by its schema of version 0.2.0 (sros2/policy/schemas/policy.xsd):
+# required attributes, optional attributes, children; a rule holds a name instead.
+SCHEMA = {
+    'policy': ({'version'}, set(), {'enclaves'}),
+    'enclaves': (set(), set(), {'enclave'}),
+    'enclave': ({'path'}, set(), {'profiles'}),
+    'profiles': (set(), {'type'}, {'profile', 'metadata'}),
+    'profile': ({'ns', 'node'}, set(), {'topics', 'services', 'actions'}),
+    'topics': (set(), {'publish', 'subscribe'}, {'topic'}),
+    'services': (set(), {'reply', 'request'}, {'service'}),
+    'actions': (set(), {'call', 'execute'}, {'action'})}
+RULES = {'topic', 'service', 'action'}
 PARAMETER_WRITES = {'set_parameters', 'set_parameters_atomically'}
+
+
+def assert_valid(element):
+    """Assert that an element of a policy is what sros2's schema asks for, and all below it."""
+    case = (element.tag, element.attrib, element.text)
+    if element.tag in RULES:
+        assert not element.attrib and not len(element), case
+        # sros2 copies it as it stands: a blank would become part of the name.
+        validate_full_topic_name(expand_topic_name(element.text, 'node', '/'))
+        return
+    required, optional, children = SCHEMA[element.tag]
+    assert required <= set(element.attrib) <= required | optional, case
+    assert not (element.text or '').strip(), case
+    if element.tag != 'profile':
+        assert len(element), case
+    if children & RULES:
+        assert element.attrib and set(element.attrib.values()) <= {'ALLOW', 'DENY'}, case
+    for child in element:
+        assert child.tag in children and not (child.tail or '').strip(), (case, child.tag)
+        assert_valid(child)
 
 
 def grants(enclave):
@@ -61,6 +99,21 @@ def uses(node):
     return {(verb, topic) for verb, names in listed.items() for topic, _ in names}
 
 
+def test_policy_is_one_by_the_schema_of_sros2():
+    root = ElementTree.parse(POLICY).getroot()
+    assert (root.tag, root.get('version')) == ('policy', '0.2.0')
+    assert len(root) == 1
+    assert_valid(root)
+    paths = [enclave.get('path') for enclave in root.find('enclaves')]
+    # The path becomes a folder of the keystore and the name in the certificate.
+    assert len(set(paths)) == len(paths)
+    for path in paths:
+        validate_namespace(path)
+    for profile in root.iter('profile'):
+        validate_namespace(profile.get('ns'))
+        validate_node_name(profile.get('node'))
+
+
 def test_monitor_is_granted_what_it_uses_and_nothing_else(make_bench):
     monitor = make_bench().monitor
     granted = grants('monitor')
@@ -71,6 +124,15 @@ def test_monitor_is_granted_what_it_uses_and_nothing_else(make_bench):
 def test_what_it_uses_sometimes_is_granted(make_bench):
     bench = make_bench({'use_sim_time': True})
     assert ('subscribe', '/clock') in uses(bench.monitor) & grants('monitor')
+
+
+def test_what_waits_for_a_robot_description_is_granted(context):
+    pytest.importorskip('urdf_parser_py', reason=robot_description.INSTALL_HINT)
+    monitor = SingularityMonitor(context=context, parameter_overrides=[
+        Parameter('base_link', value='base_link'), Parameter('tip_link', value='tip')])
+    assert ('subscribe', '/robot_description') in uses(monitor) & grants('monitor')
+    assert uses(monitor) <= grants('monitor')
+    monitor.destroy_node()
 
 
 def test_simulated_arm_is_granted_what_it_uses(context):
