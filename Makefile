@@ -23,7 +23,7 @@ export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 help:
 	@echo 'make demo        watch the monitor follow a simulated arm for 15 s'
 	@echo 'make test        run all tests'
-	@echo 'make bench       measure speed, latency and memory (some fifteen minutes)'
+	@echo 'make bench       measure speed, latency and memory (some twenty minutes)'
 	@echo 'make setup       prepare .venv with the package and its executables'
 	@echo 'make interfaces  build kinopt_interfaces into .venv (needs a C++ compiler)'
 	@echo 'make colcon      build with colcon and check what it installs'
